@@ -13,8 +13,8 @@ from typing import Any, ClassVar, NamedTuple, Protocol, Self, TypeAlias
 
 import numpy as np
 
-from controllers.parts import Drive
-from fbl_gym.interface import Interface, clip
+from controllers.parts.drive import Drive
+from fbl_gym.interface import Interface
 from fbl_gym.model.arm import Array, gravity_torque, inertia_matrix
 from fbl_gym.records.record import Record
 
@@ -47,49 +47,6 @@ def leaves(state: State) -> list[Any]:
 def where_lanes(lanes: Array, new: State, old: State) -> State:
     """Return the new state in some lanes [n] and the old one in all others."""
     return map_state(lambda x, y: np.where(lanes.reshape(-1, *[1] * (y.ndim - 1)), x, y), new, old)
-
-
-def reference_at(interface: Interface, observation: Array, times: Array) -> Array:
-    """Return the reference's position, velocity and acceleration [n x k x 6] at k times.
-
-    It comes from the preview as far as that reaches, with the acceleration linear between two
-    samples. Before the first and after the last one, the acceleration is held.
-
-    Args:
-        interface: of the policy.
-        observation: [n x size].
-        times: from now on [k] or [n x k] s.
-    """
-    return sampled_at(known_reference(interface, observation), interface.control_dt, times)
-
-
-def known_reference(interface: Interface, observation: Array) -> Array:
-    """Return the reference of an observation, now and at the previewed samples [n x k x 6]."""
-    return observation.take(interface.layout.reference, axis=-1).reshape(len(observation), -1, 6)
-
-
-def sampled_at(known: Array, dt: float, times: Array) -> Array:
-    """Return a motion [n x k x 6] at times [k] or [n x k] s from its samples, dt apart."""
-    last, following, t = steps_at(dt, known.shape[1], times)
-    lanes = slice(None) if times.ndim == 1 else np.arange(len(known))[:, None]
-    return between(known[lanes, last], known[lanes, following], t, dt)
-
-
-def steps_at(dt: float, samples: int, times: Array) -> tuple[Array, Array, Array]:
-    """Return the sample before each time, the one that follows it, and the time since [... x 1]."""
-    last = clip((times / dt + 1e-9).astype(int), 0, samples - 1)
-    return last, np.minimum(last + 1, samples - 1), (times - last * dt)[..., None]
-
-
-def between(sample: Array, following: Array, t: Array, dt: float) -> Array:
-    """Return position, velocity and acceleration [... x 6] a time t [... x 1] s after a sample.
-
-    The acceleration is linear up to the following sample, dt later. Samples are [... x 6].
-    """
-    r, r_dot, r_ddot = sample[..., :2], sample[..., 2:4], sample[..., 4:]
-    jerk = np.where(t > 0.0, (following[..., 4:] - r_ddot) / dt, 0.0)
-    position = r + t * r_dot + t**2 * (r_ddot / 2.0 + t * jerk / 6.0)
-    return np.concatenate([position, r_dot + t * r_ddot + 0.5 * t**2 * jerk, r_ddot + t * jerk], axis=-1)
 
 
 class Policy(Protocol):
@@ -240,6 +197,11 @@ class TorqueLaw(Law):
     def settle(self, draft: Any, torque: Array) -> State:
         """Return the next state after `decide`, where a torque [n x 2] N m is sent."""
         return self.sending(torque).torque(*draft)[1]
+
+    def sendable(self, torque: Array, observation: Array) -> Array:
+        """Return the torque [n x 2] N m that the environment makes of the action for a torque."""
+        motion = self.measured_motion(observation)
+        return self.interface.torque_from_action(self.interface.action_from_torque(torque, *motion), *motion)
 
     def holding(self, position: Array) -> Array:
         """Return the torque within the limits that holds the nominal arm still [n x 2] N m."""

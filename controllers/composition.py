@@ -8,20 +8,25 @@ from __future__ import annotations
 
 import dataclasses
 import inspect
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from functools import cached_property, lru_cache
 from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 
-from controllers.base import Policy, State, TorqueLaw, between, steps_at
+from controllers.base import Policy, State, TorqueLaw
 from controllers.numerics.dynamics import forward_dynamics
-from controllers.parts import OBSERVERS, Acting, Barrier, Predictor, Springs
+from controllers.parts.barrier import Barrier
+from controllers.parts.drive import Acting
+from controllers.parts.observers import OBSERVERS, Observer
+from controllers.parts.predictor import Predictor
+from controllers.parts.springs import Springs
+from controllers.preview import known_reference
 from fbl_gym.interface import Interface, clip, make_layout
 from fbl_gym.model.arm import Array
 from fbl_gym.options import SENSORS, Limits
 from fbl_gym.records.checks import check_choices
-from fbl_gym.records.record import declarations, declared
+from fbl_gym.records.record import declarations, declared, set_fields
 
 PARTS: Mapping[str, type] = {**OBSERVERS, "predictor": Predictor, "springs": Springs, "barrier": Barrier}
 """The parts, by name."""
@@ -39,6 +44,15 @@ class ComposedState(NamedTuple):
     inside: State = ()  # of the law inside
 
 
+class Look(NamedTuple):
+    """All that the law inside depends on at a sample."""
+
+    seen: Array  # its observation [n x its size]
+    estimate: Array  # at the last reading [n x 2 x 4]
+    due: Array  # torque at the time when the next command acts [n x 2] N m
+    bend: Array  # of the springs with its rate [n x 2 x 2]
+
+
 class Composed(TorqueLaw):
     """Base of the composed laws, which `compose` makes.
 
@@ -54,16 +68,29 @@ class Composed(TorqueLaw):
     _law: ClassVar[type[TorqueLaw]]
     _parts: ClassVar[tuple[str, ...]]
 
+    _inside: TorqueLaw
+    _observer: Observer
+    _predictor: Predictor | None
+    _springs: Springs | None
+    _barrier: Barrier | None
+
     needs: ClassVar[tuple[str, ...]] = ("position",)
 
     def validate(self) -> None:
-        """Refuse an interface without position, and gains that the law inside refuses."""
+        """Make the law inside and the parts, which check their gains; refuse a lack of position."""
         super().validate()
-        _ = self._inside
+        gains = {field.name: getattr(self, field.name) for field in dataclasses.fields(self._law)}
+        inside = self._law(**{**gains, "interface": self._inner_interface()})
+        observer = next((name for name in self._parts if name in OBSERVERS), DEFAULT)
+        first = {observer: self.drive.dt, "barrier": inside.interface}
+        made = {
+            name: PARTS[name](first.get(name, self.interface), **self._gains(name)) for name in {observer, *self._parts}
+        }
+        parts = {f"_{name}": made.get(name) for name in ("predictor", "springs", "barrier")}
+        set_fields(self, _inside=inside, _observer=made[observer], **parts)
 
-    @cached_property
-    def _inside(self) -> TorqueLaw:
-        """The law on its own interface."""
+    def _inner_interface(self) -> Interface:
+        """Return the interface of the law inside."""
         outer = self.interface
         wanted = {"position", "velocity", *self._law.needs}
         sensors = tuple(name for name in SENSORS if name in wanted or name in outer.layout)
@@ -73,8 +100,12 @@ class Composed(TorqueLaw):
         inner = dataclasses.replace(outer, layout=layout)
         if "predictor" in self._parts:
             inner = dataclasses.replace(inner, delay=(0.0, 0.0), lag=(0.0, 0.0), latency=0.0)
-        gains = {field.name: getattr(self, field.name) for field in dataclasses.fields(self._law)}
-        return self._law(**{**gains, "interface": inner})
+        return inner
+
+    def _gains(self, part: str) -> dict[str, Any]:
+        """Return the gains of a part that is named."""
+        names = declarations(PARTS[part]) if part in self._parts else ()
+        return {name: getattr(self, gain_name(part, name)) for name in names}
 
     @cached_property
     def _bounds(self) -> Array:
@@ -84,111 +115,78 @@ class Composed(TorqueLaw):
         return np.array([position, velocity, acceleration, acceleration])
 
     @cached_property
-    def _made(self) -> dict[str, Any]:
-        """The parts by name; "observer" is the one that is named, or the default one."""
-        observer = next((name for name in self._parts if name in OBSERVERS), DEFAULT)
-        first = {"predictor": self.drive, "springs": self.interface, "barrier": self._inside.interface}
-        made = {name: PARTS[name](first[name], **self._gains(name)) for name in self._parts if name in first}
-        return {**made, "observer": OBSERVERS[observer](self.interface.control_dt, **self._gains(observer))}
-
-    @cached_property
-    def _ahead(self) -> tuple[Array, Array, Array]:
-        """`steps_at` of the reference that the law inside gets, when its torque acts."""
-        samples, dt = len(self.interface.layout.reference) // 6, self.interface.control_dt
-        ahead = self.drive.delay - self.interface.latency + self._made["predictor"].lateness
-        return steps_at(dt, samples, ahead + dt * np.arange(samples, dtype=float))
+    def _measured(self) -> tuple[str, ...]:
+        """The signals that the law inside gets as they are measured."""
+        replaced = ("position", "velocity") if any(part in OBSERVERS for part in self._parts) else ()
+        return tuple(name for name in SENSORS if name in self.interface.layout and name not in replaced)
 
     @cached_property
     def _estimates(self) -> bool:
         """True if an estimate is needed, for a predictor or in place of a sensor."""
-        wanted = (name for name in SENSORS if name in self._inside.interface.layout)
-        named = {"predictor", *OBSERVERS}.intersection(self._parts)
-        return bool(named) or any(name not in self.interface.layout for name in wanted)
-
-    def _gains(self, part: str) -> dict[str, Any]:
-        """Return the gains of a part that is named."""
-        names = declarations(PARTS[part]) if part in self._parts else ()
-        return {name: getattr(self, gain_name(part, name)) for name in names}
+        wanted = [name for name in SENSORS if name in self._inside.interface.layout]
+        return self._predictor is not None or any(name not in self._measured for name in wanted)
 
     def initial(self, observation: Array) -> State:
         """Return the state: the torque holds the nominal arm still."""
         state = self._outside(observation)
-        return state._replace(inside=self._inside.initial(self._look(observation, state)[0]))
+        return state._replace(inside=self._inside.initial(self._look(observation, state).seen))
 
     def restart(self, observation: Array, state: State) -> State:
         """Return the state for the next episode, with all that the law inside has learned."""
         fresh = self._outside(observation)
-        return fresh._replace(inside=self._inside.restart(self._look(observation, fresh)[0], state.inside))
+        return fresh._replace(inside=self._inside.restart(self._look(observation, fresh).seen, state.inside))
 
     def _outside(self, observation: Array) -> ComposedState:
         """Return the state at an episode's start, without that of the law inside."""
-        (q,) = self.read(observation, "position")
-        v = self.read(observation, "velocity" if "velocity" in self.interface.layout else "reference_velocity")[0]
-        bend = np.full((len(q), 2, 2), np.inf)
-        return ComposedState(self.drive.hold(self.holding(q)), self._made["observer"].initial(q, v), bend)
+        velocity = "velocity" if "velocity" in self.interface.layout else "reference_velocity"
+        q, v = self.read(observation, "position", velocity)
+        return ComposedState(
+            self.drive.hold(self.holding(q)), self._observer.initial(q, v), np.full((len(q), 2, 2), np.inf)
+        )
 
     def torque(self, observation: Array, state: State) -> tuple[Array, State]:
         """Return the torque [n x 2] N m and the next state."""
         seen, estimate, due, bend = self._look(observation, state)
-        gain = self._made["predictor"].gain if "predictor" in self._made else 1.0
+        gain = 1.0 if self._predictor is None else self._predictor.gain
         law = self._inside
         if self.drive.sent is not None:
             law = law.sending(due + (self.drive.sent - due) / gain)
         torque, inside = law.torque(seen, state.inside)
-        if "barrier" in self._made:
-            torque = self._made["barrier"].filtered(torque, *self._inside.measured_motion(seen))
-        if "predictor" in self._made:
+        if self._barrier is not None:
+            torque = self._barrier.filtered(torque, *law.measured_motion(seen))
+        if self._predictor is not None:
             torque = due + gain * (self.interface.saturate(torque) - due)
-        measured = self.measured_motion(observation)
-        torque = self.interface.torque_from_action(self.interface.action_from_torque(torque, *measured), *measured)
+        torque = self.sendable(torque, observation)
         if not self._estimates:
             return torque, state._replace(bend=bend, inside=inside)
         acting = self.drive.act(state.acting, torque)
         u = forward_dynamics(self.interface.nominal, estimate[..., 0], estimate[..., 1], acting.mean)
-        return torque, ComposedState(acting, self._made["observer"].predict(estimate, u), bend, inside)
+        return torque, ComposedState(acting, self._observer.predict(estimate, u), bend, inside)
 
-    def _look(self, observation: Array, state: ComposedState) -> tuple[Array, Array, Array, Array]:
-        """Return all that the law inside depends on.
+    def _look(self, observation: Array, state: ComposedState) -> Look:
+        """Return all that the law inside depends on; its own state is not read."""
+        estimate, due, bend = self._estimate(observation, state.memory), state.acting.torque, state.bend
+        estimated = zip(SENSORS, estimate.transpose(2, 0, 1), strict=False)
+        motion = dict(estimated) | dict(zip(self._measured, self.read(observation, *self._measured), strict=True))
+        reference = known_reference(self.interface, observation)
+        if self._predictor is not None:
+            motion, due = self._predictor.motion(motion, estimate[..., 3], state.acting)
+            reference = self._predictor.reference(reference)
+        if self._springs is not None:
+            reference, bend = self._springs.moved(reference, bend)
+        layout = self._inside.interface.layout
+        signals = [motion[name] for name in SENSORS if name in layout]
+        seen = np.concatenate([*signals, reference.reshape(len(reference), -1)], axis=-1)
+        return Look(clip(seen, *layout.bounds), estimate, due, bend)
 
-        Args:
-            observation: [n x size].
-            state: of the drive and of the observer; that of the law inside is not read.
-
-        Returns:
-            The observation of the law inside [n x its size], the estimate [n x 2 x 4] at the last
-            reading, the torque [n x 2] N m at the time when the next command acts, and the springs'
-            deflection with its rate [n x 2 x 2].
-        """
-        present = state.acting.torque
-        layout, arm, inside = self.interface.layout, self.interface.nominal, self._inside.interface
-        motion = {name: self.read(observation, name)[0] for name in SENSORS if name in layout}
-        estimate = state.memory
-        if self._estimates:
-            estimate = self._made["observer"].correct(state.memory, motion["position"], motion.get("velocity"))
-            # An arm that diverges may carry an estimate away; its numbers stay finite.
-            estimate = clip(estimate, -self._bounds, self._bounds)
-        estimated = dict(zip(SENSORS, estimate.transpose(2, 0, 1), strict=False))
-        if any(part in OBSERVERS for part in self._parts):
-            motion.pop("velocity", None)
-            del motion["position"]
-        q, v, a = ((estimated | motion)[name] for name in SENSORS)
-        due, predictor = present, self._made.get("predictor")
-        if predictor is not None:
-            f, now = estimate[..., 3], (q, v, present)
-            q, v, due = self.drive.predict(arm, q, v, f, present, self.drive.coming(state.acting.queue))
-            q, v, torque = self.drive.predict(arm, q, v, f, due, [(predictor.lateness, state.acting.queue[:, 0])])
-            if "acceleration" in inside.layout:
-                a = forward_dynamics(arm, q, v, torque) + (a - forward_dynamics(arm, *now))
-        signals = [x for name, x in zip(SENSORS, (q, v, a), strict=True) if name in inside.layout]
-        reference = observation.take(layout.reference, axis=-1).reshape(len(q), -1, 6)
-        if predictor is not None:
-            last, following, t = self._ahead
-            reference = between(reference[:, last], reference[:, following], t, inside.control_dt)
-        bend = state.bend
-        if "springs" in self._made:
-            reference, bend = self._made["springs"].moved(reference, bend)
-        seen = np.concatenate([*signals, reference.reshape(len(q), -1)], axis=-1)
-        return clip(seen, *inside.layout.bounds), estimate, due, bend
+    def _estimate(self, observation: Array, memory: Array) -> Array:
+        """Return the estimate [n x 2 x 4] at a reading; the memory, if none is needed."""
+        if not self._estimates:
+            return memory
+        sensors = [name for name in ("position", "velocity") if name in self.interface.layout]
+        estimate = self._observer.correct(memory, *self.read(observation, *sensors))
+        # An arm that diverges may carry an estimate away; its numbers stay finite.
+        return clip(estimate, -self._bounds, self._bounds)
 
 
 class Filtered:
@@ -241,30 +239,32 @@ def compose(law: type[TorqueLaw], *parts: str) -> type[Composed]:
     observers = [part for part in parts if part in OBSERVERS]
     if len(observers) > 1:
         raise ValueError(f"give one observer, got {' and '.join(observers)}")
-    fields: list[tuple[str, Any, Any]] = []
-    for prefix, cls in (("", law), *((part, PARTS[part]) for part in parts)):
-        known = declarations(cls)
-        for field in dataclasses.fields(cls):
-            if field.name in known:
-                copy = declared(field.default, **vars(known[field.name]))
-            elif cls is law and field.name != "interface":
-                copy = dataclasses.field(default=field.default, default_factory=field.default_factory)
-            else:
-                continue
-            name = gain_name(prefix, field.name)
-            if name in vars(Composed) or name in (other for other, *_ in fields):
-                raise ValueError(
-                    f"a law with parts has a {name} of its own, so a gain of {law.__name__} needs another name"
-                )
-            fields.append((name, field.type, copy))
-    return dataclasses.make_dataclass(
-        "+".join((law.__name__, *parts)), fields, bases=(Composed,), frozen=True,
-        namespace={
-            **{name: getattr(law, name) for name in ("uses", "packages", "data_files") if hasattr(law, name)},
-            "_law": law, "_parts": parts, "access": law.access, "preview": law.preview, "__module__": __name__,
-            "__doc__": f"`{law.__name__}` with {' and '.join(parts) or 'an observer of the missing sensors'}.",
-        },
-    )  # fmt: skip
+    gains = [gain for part in ("", *parts) for gain in _gains(part, PARTS[part] if part else law)]
+    names = [*vars(Composed), *(name for name, *_ in gains)]
+    if twice := [name for name, *_ in gains if names.count(name) > 1]:
+        raise ValueError(
+            f"a law with parts has a {twice[0]} of its own, so a gain of {law.__name__} needs another name"
+        )
+    kept = {
+        name: getattr(law, name)
+        for name in ("access", "preview", "uses", "packages", "data_files")
+        if hasattr(law, name)
+    }
+    text = f"`{law.__name__}` with {' and '.join(parts) or 'an observer of the missing sensors'}."
+    named = {"_law": law, "_parts": parts, "__module__": __name__, "__doc__": text}
+    name = "+".join((law.__name__, *parts))
+    return dataclasses.make_dataclass(name, gains, bases=(Composed,), frozen=True, namespace=kept | named)
+
+
+def _gains(part: str, cls: type) -> Iterator[tuple[str, Any, Any]]:
+    """Yield name, type and declaration of each gain of a part, or of the law without a part."""
+    known = declarations(cls)
+    for field in dataclasses.fields(cls):
+        if field.name in known:
+            yield gain_name(part, field.name), field.type, declared(field.default, **vars(known[field.name]))
+        elif not part and field.name != "interface":
+            plain = dataclasses.field(default=field.default, default_factory=field.default_factory)
+            yield field.name, field.type, plain
 
 
 def completed(policy: Callable[..., Any], interface: Interface) -> Callable[..., Any]:

@@ -7,7 +7,7 @@ import numpy as np
 
 from controllers.base import State, TorqueLaw
 from controllers.numerics.dynamics import inverse_dynamics, momentum
-from controllers.parts import Acting
+from controllers.parts.drive import Acting
 from fbl_gym.model.arm import Array
 from fbl_gym.records.checks import Pair
 from fbl_gym.records.record import number, pair

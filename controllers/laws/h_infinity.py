@@ -11,7 +11,7 @@ from scipy.signal import cont2discrete, tf2ss
 
 from controllers.base import State, TorqueLaw
 from controllers.numerics.dynamics import inverse_dynamics
-from controllers.paper.feedback_linearization import winds_up
+from controllers.numerics.windup import winds_up
 from fbl_gym.model.arm import Array
 from fbl_gym.records.checks import Pair
 from fbl_gym.records.record import pair

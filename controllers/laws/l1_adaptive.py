@@ -8,7 +8,7 @@ import numpy as np
 from controllers.base import State
 from controllers.laws.computed_torque import ComputedTorque
 from controllers.numerics.dynamics import forward_dynamics, inverse_dynamics
-from controllers.parts import Acting
+from controllers.parts.drive import Acting
 from fbl_gym.model.arm import Array
 from fbl_gym.records.checks import Pair
 from fbl_gym.records.record import pair

@@ -9,7 +9,7 @@ from scipy.linalg import solve_discrete_are
 
 from controllers.base import State, TorqueLaw
 from controllers.numerics.dynamics import inverse_dynamics
-from controllers.paper.feedback_linearization import winds_up
+from controllers.numerics.windup import winds_up
 from controllers.paper.kalman import JointKalman, RobustState
 from fbl_gym.model.arm import Array
 from fbl_gym.records.checks import Pair

@@ -1,4 +1,4 @@
-"""LQG on the full nominal arm, springs and drives included, and what it shares with the ceiling."""
+"""LQG on the full nominal arm, springs and drives included."""
 
 import dataclasses
 import math
@@ -9,22 +9,14 @@ from typing import ClassVar, NamedTuple
 import numpy as np
 from scipy.linalg import expm
 
-from controllers.base import State, TorqueLaw, between, known_reference, sampled_at
-from controllers.numerics.dynamics import forward_dynamics, inverse_dynamics
-from controllers.parts import Acting
-from fbl_gym.interface import Interface, clip
+from controllers.base import State, TorqueLaw
+from controllers.numerics.elastic import brake, follow, move
+from controllers.numerics.regulator import ANGLES, COSINES, at_angle, design, regulator
+from controllers.parts.drive import Acting
+from controllers.preview import Places, between, known_reference, past_reference, places
+from fbl_gym.interface import clip
 from fbl_gym.model.arm import ArmParameters, Array, inertia_matrix
 from fbl_gym.records.record import number
-
-COSINES = np.linspace(-1.0, 1.0, 5)
-"""Cosines of the second joint's angle for which gains are computed."""
-
-ANGLES = np.stack([np.zeros_like(COSINES), np.arccos(COSINES)], axis=-1)
-"""The joints' angles there [5 x 2] rad."""
-
-
-RATES = np.gradient(np.eye(5), axis=0, edge_order=2)
-"""Differences of second order over five samples."""
 
 FASTEST = 0.8
 """Largest bandwidth of the filter, times a sample's length: a faster one rings."""
@@ -94,26 +86,26 @@ class LqgElastic(TorqueLaw):
     needs: ClassVar[tuple[str, ...]] = ("position",)
 
     @cached_property
-    def springs(self) -> Array | None:
-        """Stiffness [N m/rad] and damping [N m s/rad] of the joints [2 x 2]; None: rigid ones."""
-        ranges = self.interface.stiffness, self.interface.damping
-        return None if ranges[0] is None else np.sqrt(np.prod(np.array(ranges), axis=1))
+    def springs(self) -> Array:
+        """Stiffness [N m/rad], damping [N m s/rad], rotor's inertia [kg m^2] of joints [3 x 2].
+
+        It is [0 x 2] for rigid joints.
+        """
+        if self.interface.stiffness is None:
+            return np.empty((0, 2))
+        middle = np.sqrt(np.prod(np.array([self.interface.stiffness, self.interface.damping]), axis=1))
+        return np.stack([*middle, self.interface.rotor_inertia])
 
     @cached_property
     def measured(self) -> slice:
         """Slice of the state that has the position which the encoder reads."""
-        return slice(0, 2) if self.springs is None or self.interface.encoder == "link" else slice(4, 6)
+        return slice(4, 6) if len(self.springs) and self.interface.encoder == "motor" else slice(0, 2)
 
     @cached_property
     def arm(self) -> ArmParameters:
         """The links, with those rotors that turn with them."""
         nominal = self.interface.nominal
-        return nominal if self.springs is None else dataclasses.replace(nominal, rotor=(0.0, 0.0))
-
-    @cached_property
-    def rotor(self) -> Array:
-        """Inertia of the rotors behind springs [2] kg m^2."""
-        return np.array(self.interface.rotor_inertia)
+        return dataclasses.replace(nominal, rotor=(0.0, 0.0)) if len(self.springs) else nominal
 
     @cached_property
     def slope(self) -> Array:
@@ -121,10 +113,10 @@ class LqgElastic(TorqueLaw):
         zero, one, rows = np.zeros((2, 2)), np.eye(2), []
         for m in inertia_matrix(self.arm, ANGLES):
             w = np.linalg.inv(m)
-            if self.springs is None:
+            if not len(self.springs):
                 rows.append(np.block([[zero, one, zero], [zero, zero, w]]))
                 continue
-            (k, c), b = (np.diag(x) for x in self.springs), np.diag(1.0 / self.rotor)
+            k, c, b = (np.diag(x) for x in (*self.springs[:2], 1.0 / self.springs[2]))
             links, motors = [-w @ k, -w @ c, w @ k, w @ c, zero], [b @ k, b @ c, -b @ k, -b @ c, b]
             rows.append(np.block([[zero, one, zero, zero, zero], links, [zero, zero, zero, one, zero], motors]))
         return np.array(rows)
@@ -165,7 +157,7 @@ class LqgElastic(TorqueLaw):
         slot = "velocity" if "velocity" in self.interface.layout else "reference_velocity"
         (q, v), hold = self.read(observation, "position", slot), self.holding(self.read(observation, "position")[0])
         x = [q, v]
-        if self.springs is not None:
+        if len(self.springs):
             bend = hold / self.springs[0]
             x = [q, v, q + bend, v] if self.interface.encoder == "link" else [q - bend, v, q, v]
         estimate = np.concatenate([*x, np.zeros_like(q)], axis=1)
@@ -179,146 +171,87 @@ class LqgElastic(TorqueLaw):
 
     def decide(self, observation: Array, state: State) -> tuple[Array, tuple[LqgState, Array]]:
         """Return the torque [n x 2] N m, and a draft for `settle`."""
-        (position,), x, drive = self.read(observation, "position"), state.estimate, self.drive
-        dt, latency = self.interface.control_dt, self.interface.latency
-        x = x + _product(at_angle(self.filtering, x[:, 1]), position - x[:, self.measured])
         known = np.concatenate([state.past, known_reference(self.interface, observation)], axis=1)
-        # The signs now, at the next sample, and when the command begins to act.
-        course = sampled_at(known, dt, 2.0 * dt - latency + np.array([0.0, dt, drive.delay]))
-        now, following, then = np.moveaxis(np.tanh(course[..., 2:4] / REVERSAL), 1, 0)
-        innovation = x[:, -2:] + now * state.dry - state.mean
-        share = -math.expm1(-dt / self.friction)
-        mean = state.mean + share * innovation
-        dry = np.maximum(state.dry - share * now * innovation, 0.0)
-        ahead, due, d = x, state.acting.torque, x[:, -2:] + (now - then) * dry
-        for h, command in drive.coming(state.acting.queue):
-            if h > 0.0:
-                keep = math.exp(-h / drive.lag) if drive.lag > 0.0 else 0.0
-                ahead = self.moved(ahead, command + drive.lag * (1.0 - keep) / h * (due - command), h)
-                due = command + keep * (due - command)
-        wanted, command = self.course(known)
-        error = wanted - np.concatenate([ahead[:, :-2], due + d], axis=1)
-        near = at_angle(self.near, ahead[:, 1])[:, 0]
-        far = np.maximum(np.abs(error[:, :2]), near)
-        excess = np.sign(error[:, :2]) * (far - np.sqrt(near * (2.0 * far - near)))
-        for body in range(0, error.shape[1] - 2, 4):  # links, and motors behind springs
-            error[:, body : body + 2] -= excess
-        torque = command - d + _product(at_angle(self.feedback, ahead[:, 1]), error)
-        motion = self.measured_motion(observation)
-        torque = self.interface.torque_from_action(self.interface.action_from_torque(torque, *motion), *motion)
+        motion = between(known, self._places, self.interface.control_dt)
+        now, following, then = np.tanh(motion[:, :3, 2:4] / REVERSAL).transpose(1, 0, 2)
+        x = self.corrected(state.estimate, *self.read(observation, "position"))
+        mean, dry = self.learned(x[:, -2:] + now * state.dry - state.mean, now, state)
+        ahead, due = self.moved(x, state.acting.torque, state.acting.queue, self._coming)
+        torque = self.followed(motion, ahead, due, x[:, -2:] + (now - then) * dry)
+        torque = self.sendable(torque, observation)
         return torque, (LqgState(x, state.acting, known[:, 1:3], mean, dry), (now - following) * dry)
 
     def settle(self, draft: tuple[LqgState, Array], torque: Array) -> LqgState:
         """Return the next state where a torque [n x 2] N m is sent."""
         state, turned = draft
         acting = self.drive.act(state.acting, torque)
-        x = self.moved(state.estimate, acting.mean, self.interface.control_dt)
+        x, _ = self.moved(state.estimate, acting.mean, acting.mean[:, None], np.array([self.drive.dt]))
         x[:, -2:] += turned
         # An arm that diverges may carry the estimate away; its numbers stay finite.
         return state._replace(estimate=clip(x, -1e6, 1e6), acting=acting)
 
-    def moved(self, x: Array, torque: Array, h: float) -> Array:
-        """Return state and disturbance after h [s] of a torque [n x 2] N m, by leapfrog steps."""
-        q, v, *motor, d = np.ascontiguousarray(x.reshape(len(x), -1, 2).swapaxes(0, 1))
-        steps = max(1, math.ceil(max(3.0 * h * self._fastest, h / 0.005) - 1e-9))
-        h, torque = h / steps, torque + d
-        for _ in range(steps):
-            q, load = q + 0.5 * h * v, torque
-            if self.springs is not None:
-                (m, w), (k, c) = motor, self.springs
-                m = m + 0.5 * h * w
-                load = k * (m - q) + c * (w - v)
-                w = w + h * (torque - load) / self.rotor
-                motor = [m + 0.5 * h * w, w]
-            v = v + h * forward_dynamics(self.arm, q, v, load)
-            q = q + 0.5 * h * v
-        return np.concatenate([q, v, *motor, d], axis=1)
+    def corrected(self, x: Array, position: Array) -> Array:
+        """Return the estimate [n x (s + 2)] after a reading of the position [n x 2]."""
+        return x + _product(at_angle(self.filtering, x[:, 1]), position - x[:, self.measured])
+
+    def learned(self, innovation: Array, sign: Array, state: LqgState) -> tuple[Array, Array]:
+        """Return the mean of d without dry friction, and the size of that friction, [n x 2] N m."""
+        share = -math.expm1(-self.interface.control_dt / self.friction)
+        return state.mean + share * innovation, np.maximum(state.dry - share * sign * innovation, 0.0)
+
+    def moved(self, x: Array, due: Array, commands: Array, durations: Array) -> tuple[Array, Array]:
+        """Return states [n x (s + 2)] and the drives' torque [n x 2] N m after some commands.
+
+        The commands [n x m x 2] N m have the newest first, their durations [m] s the oldest.
+        """
+        x, due = x.copy(), due.copy()
+        commands = np.ascontiguousarray(commands)
+        move(self._links, self.springs, durations, self.drive.lag, self._fastest, commands, x, due)
+        return x, due
+
+    def followed(self, motion: Array, x: Array, due: Array, d: Array) -> Array:
+        """Return the command that leads a state and the drives' torque along the reference.
+
+        Args:
+            motion: the reference, at last at five times of which the command acts at the middle.
+            x: the state then [n x (s + 2)].
+            due: the drives' torque then [n x 2] N m.
+            d: the disturbance then [n x 2] N m.
+        """
+        h = self.interface.control_dt
+        error, command = np.empty_like(x), np.empty_like(d)
+        follow(self._links, self.springs, motion, h, 0.5 * h + self.drive.lag, error, command)
+        error[:, :-2] -= x[:, :-2]
+        error[:, -2:] -= due + d
+        brake(error, at_angle(self.near, x[:, 1]))
+        return command - d + _product(at_angle(self.feedback, x[:, 1]), error)
+
+    @cached_property
+    def _coming(self) -> Array:
+        """Durations of the commands under way [s]."""
+        return np.array([self.drive.rest, *[self.drive.dt] * self.drive.whole])
 
     @cached_property
     def _fastest(self) -> float:
         """The fastest natural frequency [rad/s]."""
         return float(np.abs(np.linalg.eigvals(self.slope[..., :-2])).max())
 
-    def course(self, known: Array) -> tuple[Array, Array]:
-        """Return the state along the reference [n x (s + 2)], and the feed-forward [n x 2] N m.
+    @cached_property
+    def _links(self) -> Array:
+        """Parameters of `arm` [1 x 7]."""
+        return self.arm.base[None]
 
-        The known reference [n x k x 6] begins two samples before now.
+    @cached_property
+    def _places(self) -> Places:
+        """Places of eight times in the reference, which is known from two samples before now.
+
+        Three are for the signs: now, at the next sample, and when the command begins to act. Five
+        lie about this last one, for differences.
         """
-        h = self.interface.control_dt
-        # Differences over five times. At the middle one the command begins to act.
-        times = self.drive.delay - self.interface.latency + h * np.arange(5.0)
-        r, r_dot, r_ddot = np.moveaxis(sampled_at(known, h, times).reshape(len(known), 5, 3, 2), 2, 0)
-        load, motion = inverse_dynamics(self.arm, r, r_dot, r_ddot), [r, r_dot]
-        if self.springs is not None:
-            (k, c), change = self.springs, rate(load, h)
-            motion += [r + load / k - c * change / k**2, r_dot + change / k]
-            load = load + self.rotor * (r_ddot + rate(change, h) / k)
-        x = np.concatenate([part[:, 2] for part in (*motion, load)], axis=1)
-        return x, x[:, -2:] + (0.5 * h + self.drive.lag) * rate(load, h)[:, 2]
-
-
-def design(slope: Array, lag: Array, dt: float, bandwidth: float, damping: float, inertia: Array) -> Array:
-    """Return the gain K [... x 2 x (s + 2)] on the error of a state and of the drives' torque.
-
-    Args:
-        slope: derivative of the state's rate by state and torque [... x s x (s + 2)].
-        lag: of the drives [...] s; at least 1 ms is used.
-        dt: control interval [s].
-        bandwidth: bandwidth^2 is the weight of the links' position [rad/s].
-        damping: weight of their velocity over 2 bandwidth.
-        inertia: the command over this is weighted with 1 [... x 2] kg m^2.
-    """
-    size = slope.shape[-1]
-    a = np.zeros((*slope.shape[:-2], size + 2, size + 2))
-    a[..., : size - 2, :size] = slope
-    drive = np.concatenate([-np.eye(2), np.eye(2)], axis=1)
-    a[..., size - 2 : size, size - 2 :] = drive / np.maximum(lag, 1e-3)[..., None, None]
-    exact = expm(a * dt)
-    q = np.zeros(size)
-    q[0:2], q[2:4] = bandwidth**4, (2.0 * damping * bandwidth) ** 2
-    return regulator(exact[..., :size, :size], exact[..., :size, size:], np.diag(q), inertia)
-
-
-def regulator(f: Array, g: Array, q: Array, scale: Array) -> Array:
-    """Return the gain K [... x m x n] of the optimal regulators u = -K x of x+ = f x + g u.
-
-    The cost is the sum of x'qx + |u / scale|^2, scale [... x m]. The Riccati equation is solved by
-    doubling: each turn takes twice as many samples into account (Chu, Fan, Lin and Wang,
-    "Structure-preserving algorithms for periodic discrete-time algebraic Riccati equations", Int.
-    J. Control 77(8), 2004).
-    """
-    weighted = g * scale[..., None, :]
-    a, b, p = f, weighted @ np.swapaxes(weighted, -1, -2), np.broadcast_to(q, f.shape)
-    for _ in range(10):
-        left = np.linalg.solve(np.eye(f.shape[-1]) + b @ p, np.concatenate([a, np.broadcast_to(b, a.shape)], axis=-1))
-        wa, wb = np.split(left, 2, axis=-1)
-        turned = np.swapaxes(a, -1, -2)
-        a, b, p = a @ wa, b + a @ wb @ turned, p + turned @ p @ wa
-    to = np.swapaxes(weighted, -1, -2) @ p
-    return scale[..., None] * np.linalg.solve(np.eye(g.shape[-1]) + to @ weighted, to @ f)
-
-
-def at_angle(gains: Array, angle: Array) -> Array:
-    """Return gains [n x a x b] at an angle of the second joint [n] rad.
-
-    Those at `COSINES` are [n x 5 x a x b], or [5 x a x b] for all lanes.
-    """
-    index = (np.cos(angle) + 1.0) / (COSINES[1] - COSINES[0])
-    low = np.fmin(index, len(COSINES) - 2).astype(int)  # of NaN, too
-    share, lanes = (index - low)[:, None, None], np.arange(len(angle))
-    gains = np.broadcast_to(gains, (len(angle), *gains.shape[-3:]))
-    return (1.0 - share) * gains[lanes, low] + share * gains[lanes, low + 1]
-
-
-def past_reference(interface: Interface, observation: Array) -> Array:
-    """Return the reference of two samples before now [n x 2 x 6], its acceleration held."""
-    dt, now = interface.control_dt, known_reference(interface, observation)[:, :1]
-    return between(now, now, -dt * np.array([[2.0], [1.0]]), dt)
-
-
-def rate(x: Array, h: float) -> Array:
-    """Return the derivative over time of samples [n x 5 x 2] that lie h [s] apart."""
-    return RATES @ x / h
+        dt, latency, delay = self.interface.control_dt, self.interface.latency, self.drive.delay
+        signs = 2.0 * dt - latency + np.array([0.0, dt, delay])
+        times = np.concatenate([signs, delay - latency + dt * np.arange(5.0)])
+        return places(dt, 2 + len(self.interface.layout.reference) // 6, times)
 
 
 def _product(matrix: Array, vector: Array) -> Array:

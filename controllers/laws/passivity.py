@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 
 from controllers.base import State, TorqueLaw
-from controllers.parts import Acting
+from controllers.parts.drive import Acting
 from fbl_gym.model.arm import Array, inertia_matrix
 from fbl_gym.records.checks import Pair
 from fbl_gym.records.record import number, pair

@@ -5,7 +5,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from controllers.base import IntegralState, State, TorqueLaw
+from controllers.base import IntegralLaw, IntegralState, State, TorqueLaw
 from fbl_gym.model.arm import Array, gravity_torque
 from fbl_gym.records.checks import Pair
 from fbl_gym.records.record import pair
@@ -53,7 +53,7 @@ class PdGravity(TorqueLaw):
 
 
 @dataclass(frozen=True)
-class PidGravity(PdGravity):
+class PidGravity(PdGravity, IntegralLaw):
     """PID with gravity compensation, the usual law of industrial robots.
 
         torque = Kp (r - q) + Kd (r' - v) + Ki int(r - q) dt + G(q),    Ki = integral w^3 M_ii
@@ -71,10 +71,6 @@ class PidGravity(PdGravity):
     """
 
     integral: Pair | float = pair(0.1, low=0, tune=(0.01, 1.0))
-
-    def initial(self, observation: Array) -> State:
-        """Return the state: the integral of the error [n x 2], zero."""
-        return IntegralState(np.zeros((len(observation), 2)))
 
     def torque(self, observation: Array, state: State) -> tuple[Array, State]:
         """Return the torque [n x 2] N m, and the next integral."""

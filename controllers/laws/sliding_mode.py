@@ -7,7 +7,7 @@ import numpy as np
 from controllers.base import IntegralLaw, IntegralState, State
 from controllers.laws.computed_torque import ComputedTorqueDob
 from controllers.numerics.dynamics import inverse_dynamics
-from controllers.paper.feedback_linearization import winds_up
+from controllers.numerics.windup import winds_up
 from fbl_gym.model.arm import Array
 from fbl_gym.records.checks import Pair
 from fbl_gym.records.record import number, pair

@@ -6,9 +6,11 @@ from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 
-from controllers.base import Law, State, known_reference, sampled_at
-from controllers.laws.lqg_elastic import ANGLES, COSINES, at_angle, design, past_reference, rate
+from controllers.base import Law, State
+from controllers.numerics.elastic import rate
+from controllers.numerics.regulator import ANGLES, COSINES, at_angle, design
 from controllers.oracles.true_arm import TrueArm
+from controllers.preview import known_reference, past_reference, sampled_at
 from fbl_gym.interface import Interface
 from fbl_gym.model.arm import Array, inertia_matrix, inverse_dynamics, with_rotors
 from fbl_gym.records.checks import Pair
@@ -113,7 +115,7 @@ class OracleElastic(_Oracle):
 
     def initial(self, observation: Array) -> State:
         """Return the state before any gains are computed."""
-        n, size = len(observation), 2 * len(TrueArm.of(self.env).state)
+        n, size = TrueArm.of(self.env).state.shape
         past = past_reference(self.interface, observation)
         return ElasticState(np.full((n, 14), np.nan), np.zeros((n, len(COSINES), 2, size)), past)
 
@@ -127,16 +129,15 @@ class OracleElastic(_Oracle):
             gains = gains.copy()
             gains[changed] = self.gains(arm.of_lanes(changed))
         x = arm.predicted()
-        gain = at_angle(gains, x[0][:, 1])
+        gain = at_angle(gains, x[:, 1])
         known = np.concatenate([state.past, known_reference(self.interface, observation)], axis=1)
-        wanted, command = self.course(known, arm, x)
-        error = np.concatenate([r - y for r, y in zip(wanted, x, strict=True)], axis=-1)
-        return command + np.einsum("nij,nj->ni", gain, error), ElasticState(design, gains, known[:, 1:3])
+        wanted, command = self.course(known, arm, x[:, :2])
+        return command + np.einsum("nij,nj->ni", gain, wanted - x), ElasticState(design, gains, known[:, 1:3])
 
-    def course(self, known: Array, arm: TrueArm, x: tuple[Array, ...]) -> tuple[list[Array], Array]:
+    def course(self, known: Array, arm: TrueArm, position: Array) -> tuple[Array, Array]:
         """Return the state along the reference, and the feed-forward command [n x 2] N m.
 
-        The known reference begins two samples before now.
+        The known reference begins two samples before now. The position is that of the links.
         """
         truth, h = arm.truth, arm.scenario.control_dt
         # Differences over five times. At the middle one the command begins to act.
@@ -144,11 +145,7 @@ class OracleElastic(_Oracle):
         load = inverse_dynamics(arm.links[:, None], r, r_dot, r_ddot) + truth.disturbance[:, None]
         motion = [r, r_dot]
         if arm.scenario.link is not None:  # bent by weight and acceleration
-            zero = np.zeros_like(r[:, 0])
-            chains = [arm.chain(r[:, i], r_dot[:, i], zero, zero) for i in range(5)]
-            carried = [load - np.einsum("nij,nj->ni", m[..., :2], r_ddot[:, i]) for i, (m, load) in enumerate(chains)]
-            stiffness, _ = arm.scenario.link.springs(arm.scenario.arm, truth.bend_rate)
-            bend = np.stack(carried, axis=1)[..., 2:] / stiffness[:, None]
+            bend = self.bend(arm, r, r_dot, r_ddot)
             motion += [bend, rate(bend, h)]
         if arm.elastic:
             stiffness = truth.stiffness[:, None]
@@ -157,14 +154,20 @@ class OracleElastic(_Oracle):
             stretch = stretch + 0.5 * truth.backlash[:, None] * np.clip(load / (0.01 * stiffness), -1.0, 1.0)
             motion += [r + stretch, r_dot + rate(load, h) / stiffness]
             load = load + truth.rotor[:, None] * (r_ddot + rate(rate(load, h), h) / stiffness)
-        toward = r_dot[:, 2] + 10.0 * (r[:, 2] - x[0])
-        speed = motion[arm.side]
-        load = load + truth.viscous[:, None] * speed
-        dry = arm.dry(speed[:, 2]) * np.clip(toward / 0.02, -1.0, 1.0)
-        slope = rate(load, h)[:, 2]
-        torque = load[:, 2] + dry
-        command = torque + (0.5 * h + truth.lag[:, None]) * slope
-        return [*(m[:, 2] for m in motion), torque], command
+        x = np.concatenate(motion, axis=-1)
+        toward = r_dot[:, 2] + 10.0 * (r[:, 2] - position)
+        load = load + truth.viscous[:, None] * x[..., arm.side]
+        torque = load[:, 2] + arm.dry(x[:, 2, arm.side]) * np.clip(toward / 0.02, -1.0, 1.0)
+        command = torque + (0.5 * h + truth.lag[:, None]) * rate(load, h)[:, 2]
+        return np.concatenate([x[:, 2], torque], axis=-1), command
+
+    def bend(self, arm: TrueArm, r: Array, r_dot: Array, r_ddot: Array) -> Array:
+        """Return the bend of the hinges under a motion of the joints, [n x 5 x 2] each."""
+        x = np.concatenate([r, r_dot, np.zeros((*r.shape[:2], 4))], axis=-1)
+        chains = [arm.chain(x[:, i]) for i in range(5)]
+        carried = [load - np.einsum("nij,nj->ni", m[..., :2], r_ddot[:, i]) for i, (m, load) in enumerate(chains)]
+        stiffness, _ = arm.scenario.link.springs(arm.scenario.arm, arm.truth.bend_rate)  # type: ignore[union-attr]
+        return np.stack(carried, axis=1)[..., 2:] / stiffness[:, None]
 
     def gains(self, arm: TrueArm) -> Array:
         """Return K of each lane at each of `COSINES` [n x 5 x 2 x size]."""

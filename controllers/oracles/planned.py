@@ -10,15 +10,17 @@ Program. 106(1), 2006).
 import math
 from dataclasses import dataclass
 from functools import lru_cache
+from itertools import chain
 from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 from gymnasium.error import DependencyNotInstalled
 from numpy.typing import NDArray
 
-from controllers.base import State, between
+from controllers.base import State
 from controllers.oracles.oracle import PREVIEW, ElasticState, OracleElastic
 from controllers.oracles.true_arm import TrueArm
+from controllers.preview import Places, between
 from fbl_gym.envs.vector_env import TwoLinkArmVectorEnv
 from fbl_gym.model.arm import Array, coriolis_terms, gravity_terms, inertia_terms, inverse_dynamics, with_rotors
 from fbl_gym.records.record import number
@@ -51,25 +53,42 @@ def planner(count: int, step: float) -> Any:
     joints, lag, arm = ca.MX.sym("joints", 2, 4), ca.MX.sym("lag"), ca.MX.sym("arm", 7)
     amplitude, viscous, dry, limit = (ca.repmat(joints[:, i], 1, count + 1) for i in range(4))
     q, v, a = (unit * x[i : i + 2, :] for i, unit in ((0, UNITS[0]), (2, UNITS[2]), (4, UNITS[4])))
-    q_next = q[:, :-1] + step * v[:, :-1] + step**2 * (a[:, :-1] / 3 + a[:, 1:] / 6)
-    v_next = v[:, :-1] + step * (a[:, :-1] + a[:, 1:]) / 2
+    torque = (_load(arm, q, v, a) + viscous * v + dry * ca.tanh(v / SLOW)) / limit
+    lead = lag * (torque[:, 1:] - torque[:, :-1]) / step
+    error, bound = (q - r) / amplitude, x[6:, :]
+    zeros = [*_jumps(q, v, a, step), (ca.vertcat(q[:, 0], v[:, 0]) - start) / UNITS[:4]]
+    shares = [torque[:, :-1] + lead, torque[:, 1:] + lead]
+    cost = ca.sum1(ca.vec(bound)) + 1e-9 * ca.sumsqr((a[:, 1:] - a[:, :-1]) / step)
+    given = ca.vertcat(start, ca.vec(r), ca.vec(joints), lag, arm)
+    return _solver(x, given, cost, zeros, shares, [bound - error, bound + error])
+
+
+def _load(arm: Any, q: Any, v: Any, a: Any) -> Any:
+    """Return the torque M a + C v + G [2 x knots] N m of an arm [7], as an expression."""
     p1, p2, p3, p4, p5, r1, r2 = ca.vertsplit(arm)
     m11, m12, m22 = inertia_terms(p1, p2, p3, r1, r2, ca.cos(q[1, :]))
     b1, b2 = coriolis_terms(p3, ca.sin(q[1, :]), v[0, :], v[1, :])
     g1, g2 = gravity_terms(p4, p5, ca.cos(q[0, :]), ca.cos(q[0, :] + q[1, :]))
-    load = ca.vertcat(m11 * a[0, :] + m12 * a[1, :] + b1 + g1, m12 * a[0, :] + m22 * a[1, :] + b2 + g2)
-    torque = (load + viscous * v + dry * ca.tanh(v / SLOW)) / limit
-    lead = lag * (torque[:, 1:] - torque[:, :-1]) / step
-    error, equal, below = (q - r) / amplitude, (q[:, 1:] - q_next, (v[:, 1:] - v_next) / 10), x[6:, :]
-    zeros = [*map(ca.vec, equal), (ca.vertcat(q[:, 0], v[:, 0]) - start) / UNITS[:4]]
-    signed = [ca.vec(torque[:, :-1] + lead), ca.vec(torque[:, 1:] + lead)]
-    positive = [ca.vec(below - error), ca.vec(below + error)]
-    cost = ca.sum1(ca.vec(below)) + 1e-9 * ca.sumsqr((a[:, 1:] - a[:, :-1]) / step)
-    given = ca.vertcat(start, ca.vec(r), ca.vec(joints), lag, arm)
-    problem = {"x": ca.vec(x), "p": given, "f": cost, "g": ca.vertcat(*zeros, *signed, *positive)}
+    return ca.vertcat(m11 * a[0, :] + m12 * a[1, :] + b1 + g1, m12 * a[0, :] + m22 * a[1, :] + b2 + g2)
+
+
+def _jumps(q: Any, v: Any, a: Any, step: float) -> tuple[Any, Any]:
+    """Return the jumps of q and v at the knots, where a is linear in between."""
+    q_next = q[:, :-1] + step * v[:, :-1] + step**2 * (a[:, :-1] / 3 + a[:, 1:] / 6)
+    v_next = v[:, :-1] + step * (a[:, :-1] + a[:, 1:]) / 2
+    return q[:, 1:] - q_next, (v[:, 1:] - v_next) / 10
+
+
+def _solver(x: Any, given: Any, cost: Any, zeros: list[Any], shares: list[Any], positive: list[Any]) -> Any:
+    """Return a function (guess, parameters) -> (solution, success) that minimises the cost.
+
+    The constraints are expressions that are zero, in [-1, 1], and positive.
+    """
+    groups = [[ca.vec(each) for each in group] for group in (zeros, shares, positive)]
+    problem = {"x": ca.vec(x), "p": given, "f": cost, "g": ca.vertcat(*chain(*groups))}
     options: Any = {"ipopt.print_level": 0, "ipopt.sb": "yes", "ipopt.max_iter": 300, "ipopt.tol": 1e-5}
     solver = ca.nlpsol("planner", "ipopt", problem, options | {"print_time": False, "expand": True})
-    sizes = [sum(part.numel() for part in parts) for parts in (zeros, signed, positive)]
+    sizes = [sum(part.numel() for part in group) for group in groups]
     low, high = (np.repeat(bound, sizes) for bound in ([0.0, -1.0, 0.0], [0.0, 1.0, np.inf]))
     return lambda guess, given: (solver(x0=guess, p=given, lbg=low, ubg=high)["x"], solver.stats()["success"])
 
@@ -138,8 +157,7 @@ class OraclePlanned(OracleElastic):
         if self.interface.torque_limit is None:
             return
         truth, dt = arm.truth, arm.scenario.control_dt
-        stride = max(1, round(STEP / dt))
-        step, (q, v, *_) = stride * dt, arm.predicted()
+        x = arm.predicted()
         links = with_rotors(truth.lumped, truth.rotor)
         # A joint needs more torque by the friction that its own torque causes.
         limits = (1 - self.reserve) * (1 - truth.load_friction) * truth.gain * self.interface.torque_limit
@@ -150,16 +168,22 @@ class OraclePlanned(OracleElastic):
             torque += truth.viscous[i] * r_dot + truth.coulomb[i] * np.sign(r_dot)
             if np.all(np.abs(torque + truth.lag[i] * np.gradient(torque, dt, axis=0)) <= limits[i]):
                 continue
-            knots = motion[i, first::stride]
-            amplitude = np.maximum(np.ptp(r, axis=0) / 2, 1e-9)
-            joints = amplitude, truth.viscous[i], truth.coulomb[i], limits[i]
-            given = np.concatenate([q[i], v[i], knots[:, :2].ravel(), *joints, [truth.lag[i]], links[i]])
-            guess = np.concatenate([knots / UNITS, np.full((len(knots), 2), 0.01)], axis=1)
-            x, solved = planner(len(knots) - 1, step)(guess.ravel(), given)
-            if not solved:  # the reference remains
-                continue
-            plan = np.asarray(x).reshape(-1, 8)[:, :6] * UNITS
-            at = np.arange(stride * (len(plan) - 1) + 1)
-            k = np.minimum(at // stride, len(plan) - 2)
-            t = (dt * (at - stride * k))[:, None]
-            motion[i, first : first + len(at)] = between(plan[k], plan[k + 1], t, step)
+            joints = np.maximum(np.ptp(r, axis=0) / 2, 1e-9), truth.viscous[i], truth.coulomb[i], limits[i]
+            plan = planned(motion[i, first:], dt, x[i, :4], (*joints, truth.lag[i : i + 1], links[i]))
+            motion[i, first : first + len(plan)] = plan
+
+
+def planned(motion: Array, dt: float, start: Array, arm: tuple[Array, ...]) -> Array:
+    """Return the plan closest to a motion, in samples dt [s] apart; none, if there is no solution.
+
+    Start and arm are the parameters of `planner` before and after the reference.
+    """
+    stride = max(1, round(STEP / dt))
+    knots = motion[::stride]
+    guess = np.concatenate([knots / UNITS, np.full((len(knots), 2), 0.01)], axis=1)
+    given = np.concatenate([start, knots[:, :2].ravel(), *arm])
+    x, solved = planner(len(knots) - 1, stride * dt)(guess.ravel(), given)
+    plan = np.asarray(x).reshape(-1, 8)[:, :6] * UNITS
+    at = np.arange(stride * (len(plan) - 1) + 1) if solved else np.arange(0)
+    k = np.minimum(at // stride, len(plan) - 2)
+    return between(plan[None], Places(k[None], k[None] + 1, dt * (at - stride * k)[None]), stride * dt)[0]

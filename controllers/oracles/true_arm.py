@@ -3,30 +3,23 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 
-from controllers.parts import runge_kutta
 from fbl_gym.kernel.batch import Truth
 from fbl_gym.model.arm import Array, forward_dynamics, inertia_matrix, with_rotors
 from fbl_gym.model.chain import chain_dynamics
 from fbl_gym.scenarios import Scenario
 
 
-def diagonal(x: Array) -> Array:
-    """Return matrices with x [... x 2] on their diagonals, [... x 2 x 2]."""
-    return x[..., None] * np.eye(2)
-
-
 @dataclass(frozen=True)
 class TrueArm:
     """A batch of real arms, whose joints may be elastic and whose links may bend, at an instant.
 
-    A state is position and velocity of the joints, of links that bend also of their hinges, of
-    elastic joints also of the motors, and last the torque of the drives, each [n x 2].
+    A state [n x s] is position and velocity of the joints, of links that bend also of their hinges,
+    of elastic joints also of the motors; and last the torque of the drives.
 
     Args:
         truth: with a batch axis.
@@ -57,9 +50,9 @@ class TrueArm:
         return self.scenario.joint is not None
 
     @property
-    def side(self) -> int:
-        """Index in a state, without its torque, of the velocity that friction acts on."""
-        return -1 if self.elastic else 1
+    def side(self) -> slice:
+        """Columns of a state, without its torque, of the velocity that friction acts on."""
+        return slice(-2, None) if self.elastic else slice(2, 4)
 
     @property
     def links(self) -> Array:
@@ -67,12 +60,12 @@ class TrueArm:
         return with_rotors(self.truth.lumped, (0.0, 0.0) if self.elastic else self.truth.rotor)
 
     @property
-    def state(self) -> tuple[Array, ...]:
+    def state(self) -> Array:
         """The state now."""
         truth = self.truth
         bends = (truth.bend, truth.bend_velocity) if self.scenario.link is not None else ()
         motors = (truth.motor_position, truth.motor_velocity) if self.elastic else ()
-        return truth.position, truth.velocity, *bends, *motors, truth.applied_torque
+        return np.concatenate([truth.position, truth.velocity, *bends, *motors, truth.applied_torque], axis=1)
 
     def dry(self, v: Array) -> Array:
         """Return the bound of the dry friction at a velocity [n x 2] N m."""
@@ -87,44 +80,47 @@ class TrueArm:
         force = force + np.where(np.abs(stretch) >= gap, truth.damping * rate, 0.0)
         return np.where((gap > 0.0) & (force * stretch < 0.0), 0.0, force)  # teeth push and never pull
 
-    def predicted(self) -> tuple[Array, ...]:
+    def predicted(self) -> Array:
         """Return the state at the time at which the next command begins to act.
 
         The lanes take the same number of steps, in which those with less delay wait at first.
         """
-        parts = 2 if len(self.state) == 3 else 4  # springs are faster
-        h, delay = self.scenario.control_dt / parts, self.truth.delay[:, None]
         state = self.state
+        parts = 2 if state.shape[1] == 6 else 4  # springs are faster
+        h, delay = self.scenario.control_dt / parts, self.truth.delay[:, None]
         for k in range(math.ceil(float(delay.max()) / h - 1e-9), 0, -1):
             command = self.truth.gain * self.truth.commands[:, (k - 1) // parts]
             state = self._step(state, np.clip(delay - (k - 1) * h, 0.0, h), command)
         return state
 
-    def _step(self, state: tuple[Array, ...], h: Array, command: Array) -> tuple[Array, ...]:
+    def _step(self, state: Array, h: Array, command: Array) -> Array:
         """Return the state after a classical Runge-Kutta step of h [n x 1] with a command.
 
         The dry friction is held over the step.
         """
-        *x, torque = state
+        x, torque = state[:, :-2], state[:, -2:]
         lag = np.maximum(self.truth.lag[:, None], 1e-9)
         half, end = (command + np.exp(-t / lag) * (torque - command) for t in (0.5 * h, h))
         first = np.where(self.truth.lag[:, None] > 0.0, torque, command)
         dry = self._held(x, h, first)
-        moved = runge_kutta(lambda x, u: self.rates(x, u, dry), x, h, (first, half, end))
-        return *moved, np.where(h > 0.0, end, torque)
+        k1 = self.rates(x, first, dry)
+        k2 = self.rates(x + 0.5 * h * k1, half, dry)
+        k3 = self.rates(x + 0.5 * h * k2, half, dry)
+        k4 = self.rates(x + h * k3, end, dry)
+        return np.hstack([x + h / 6.0 * (k1 + 2.0 * (k2 + k3) + k4), np.where(h > 0.0, end, torque)])
 
-    def _held(self, x: list[Array], h: Array, torque: Array) -> Array:
+    def _held(self, x: Array, h: Array, torque: Array) -> Array:
         """Return the dry friction over a step: it stops a joint if its bound allows."""
-        v, h, none = x[self.side], np.maximum(h, 1e-9), np.zeros_like(torque)
+        v, h, none = x[:, self.side], np.maximum(h, 1e-9), np.zeros_like(torque)
         bound = self.dry(v)
         if not bound.any():
             return none
         # The velocity at the end without friction, and how much friction takes away.
-        free = v + h * self.rates(x, torque, none)[self.side]
+        free = v + h * self.rates(x, torque, none)[:, self.side]
         if self.elastic:
-            inertia = diagonal(self.truth.rotor)
+            inertia = self.truth.rotor[..., None] * np.eye(2)
         else:
-            inertia = inertia_matrix(self.links, x[0]) if self.scenario.link is None else self.chain(*x[:4])[0]
+            inertia = inertia_matrix(self.links, x[:, :2]) if self.scenario.link is None else self.chain(x)[0]
         per_torque = h[..., None] * np.linalg.inv(inertia)[..., :2, :2]
         dry = none
         for joint in (0, 1, 0, 1, 0, 1):  # Gauss and Seidel
@@ -133,9 +129,9 @@ class TrueArm:
             dry[:, joint] = np.clip(stop, -bound[:, joint], bound[:, joint])
         return dry
 
-    def chain(self, q: Array, v: Array, b: Array, u: Array) -> tuple[Array, Array]:
+    def chain(self, x: Array) -> tuple[Array, Array]:
         """Return inertia [n x 4 x 4] and load [n x 4] of joints and hinges of links that bend."""
-        truth, link = self.truth, self.scenario.link
+        truth, link, (q, v, b, u) = self.truth, self.scenario.link, np.split(x[:, :8], 4, axis=1)
         segments = truth.segment_inertia.T, truth.segment_moment.T
         inertia, load = chain_dynamics(segments, truth.lengths.T, self.gravity, q, b, v, u)
         stiffness, damping = link.springs(self.scenario.arm, truth.bend_rate)  # type: ignore[union-attr]
@@ -144,45 +140,43 @@ class TrueArm:
             inertia[..., [0, 1], [0, 1]] += truth.rotor
         return inertia, load
 
-    def rates(self, x: Sequence[Array], torque: Array, dry: Array | float = 0.0) -> tuple[Array, ...]:
+    def rates(self, x: Array, torque: Array, dry: Array | float = 0.0) -> Array:
         """Return the time derivative of a state without its torque."""
-        truth, (q, v, *others) = self.truth, x
+        truth, q, v = self.truth, x[:, :2], x[:, 2:4]
         motors: tuple[Array, ...] = ()
-        load = torque - truth.viscous * x[self.side] - dry
+        load = torque - truth.viscous * x[:, self.side] - dry
         if self.elastic:
-            motor, w = others[-2:]
+            motor, w = x[:, -4:-2], x[:, -2:]
             spring = self.spring(motor - q, w - v)
             motors, load = (w, (load - spring) / truth.rotor), spring
         load = load - truth.disturbance
         if self.scenario.link is None:
-            return v, forward_dynamics(self.links, q, v, load), *motors
-        b, u = others[:2]
-        inertia, left = self.chain(q, v, b, u)
+            return np.hstack([v, forward_dynamics(self.links, q, v, load), *motors])
+        inertia, left = self.chain(x)
         left[..., :2] += load
         a: Any = np.linalg.solve(inertia, left[..., None])[..., 0]
-        return v, a[..., :2], u, a[..., 2:], *motors
+        return np.hstack([v, a[..., :2], x[:, 6:8], a[..., 2:], *motors])
 
     def linear(self, angles: Array) -> Array:
         """Return the derivative of the rates at rest without load, for angles of the second joint.
 
         For angles [k] it is [n x k x s x (s + 2)], as `slope` returns it.
         """
-        n, k, parts = len(self.truth.lumped), len(angles), len(self.state)
+        n, k = len(self.truth.lumped), len(angles)
         truth, none = self.of_lanes(np.repeat(np.arange(n), k)).truth, np.zeros((n * k, 2))
         truth = replace(truth, lumped=truth.lumped * [1, 1, 1, 0, 0], disturbance=none, backlash=none)
-        still = [none] * parts
-        still[0] = still[parts - 3 if self.elastic else 0] = np.stack([none[:, 0], np.tile(angles, n)], axis=-1)
+        still = np.zeros((n * k, self.state.shape[1]))
+        still[:, 1] = still[:, -5 if self.elastic else 1] = np.tile(angles, n)
         slope = TrueArm(truth, self.scenario, 0.0).slope(still)
         return slope.reshape(n, k, *slope.shape[1:])
 
-    def slope(self, state: Sequence[Array]) -> Array:
+    def slope(self, state: Array) -> Array:
         """Return the derivative of the rates by a state [n x s x (s + 2)].
 
         The last two columns are by the torque of the drives.
         """
-        point, columns = np.concatenate(state, axis=1), []
-        for step in 1e-5 * np.eye(point.shape[1]):
-            up, down = (np.split(point + sign * step, len(state), axis=1) for sign in (1.0, -1.0))
-            change = np.hstack(self.rates(up[:-1], up[-1])) - np.hstack(self.rates(down[:-1], down[-1]))
-            columns.append(change / 2e-5)
+        columns = []
+        for step in 1e-5 * np.eye(state.shape[1]):
+            up, down = state + step, state - step
+            columns.append((self.rates(up[:, :-2], up[:, -2:]) - self.rates(down[:, :-2], down[:, -2:])) / 2e-5)
         return np.stack(columns, axis=-1)

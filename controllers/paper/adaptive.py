@@ -94,29 +94,34 @@ class AdaptiveFlm(CascadeFlm):
 
         Position, velocity and acceleration are [n x 2]; the observation gives the reference.
         """
-        y, torques, count, lumped = state.regressors, state.torques, state.samples, state.lumped
-        rotor = self.interface.nominal.rotor
-        stride = max(round(self.spacing / self.interface.control_dt), 1)
-        # An episode's first observation ends no interval, so estimates start three samples later.
-        due = (count % stride == 0) & (count > 0)
-        if due.any():
-            row, right = regressor(q, v, a), state.applied - np.array(rotor) * a
-            if self.regression == "printed":
-                error = np.einsum("nij,nj->ni", inertia_matrix(with_rotors(lumped, rotor), q), state.applied - a)
-                right = np.einsum("nij,nj->ni", row, lumped) + error
-            new = due[:, None, None]
-            y = np.where(new[..., None], np.concatenate([y[:, 1:], row[:, None]], axis=1), y)
-            torques = np.where(new, np.concatenate([torques[:, 1:], right[:, None]], axis=1), torques)
-            fitted, accepted = self.fit(y, torques)
-            lumped = np.where((due & accepted & (count >= SAMPLES * stride))[:, None], fitted, lumped)
+        y, torques, lumped = self.sampled(q, v, a, state)
+        model = with_rotors(lumped, self.interface.nominal.rotor)
         factor = schedule(v, self.alpha, self.v_s, self.scheduling)
-        model = with_rotors(lumped, rotor)
         torque, integral = self.loops(observation, q, v, state.integral, model, factor)
         if self.regression == "printed":
             applied = forward_dynamics(model, q, v, torque - self.loads(v))
         else:
             applied = self.interface.saturate(torque) - self.loads(v)
-        return torque, AdaptiveState(integral, y, torques, count + 1, applied, lumped, state.kalman)
+        return torque, AdaptiveState(integral, y, torques, state.samples + 1, applied, lumped, state.kalman)
+
+    def sampled(self, q: Array, v: Array, a: Array, state: AdaptiveState) -> tuple[Array, Array, Array]:
+        """Return regressors, torques and estimate, with a motion [n x 2] where one is due."""
+        stride = max(round(self.spacing / self.interface.control_dt), 1)
+        # An episode's first observation ends no interval, so estimates start three samples later.
+        due = (state.samples % stride == 0) & (state.samples > 0)
+        if not due.any():
+            return state.regressors, state.torques, state.lumped
+        row, lumped, rotor = regressor(q, v, a), state.lumped, np.array(self.interface.nominal.rotor)
+        right = state.applied - rotor * a
+        if self.regression == "printed":
+            error = np.einsum("nij,nj->ni", inertia_matrix(with_rotors(lumped, rotor), q), state.applied - a)
+            right = np.einsum("nij,nj->ni", row, lumped) + error
+        new = due[:, None, None]
+        y = np.where(new[..., None], np.concatenate([state.regressors[:, 1:], row[:, None]], axis=1), state.regressors)
+        torques = np.where(new, np.concatenate([state.torques[:, 1:], right[:, None]], axis=1), state.torques)
+        fitted, accepted = self.fit(y, torques)
+        accepted &= due & (state.samples >= SAMPLES * stride)
+        return y, torques, np.where(accepted[:, None], fitted, lumped)
 
     def fit(self, y: Array, torques: Array) -> tuple[Array, NDArray[np.bool_]]:
         """Return lumped parameters [n x 5] that fit the last samples, and their acceptance [n]."""

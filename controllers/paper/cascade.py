@@ -6,11 +6,18 @@ import numpy as np
 
 from controllers.base import IntegralLaw, IntegralState, State
 from controllers.numerics.dynamics import inverse_dynamics
-from controllers.paper.feedback_linearization import friction_torque, winds_up
+from controllers.numerics.windup import winds_up
 from fbl_gym.model.arm import ArmParameters, Array
 from fbl_gym.options import Friction
 from fbl_gym.records.checks import Pair
 from fbl_gym.records.record import Distribution, number, pair, record
+
+
+def friction_torque(friction: Friction, velocity: Array) -> Array:
+    """Return the friction torque of equation (43) as printed, with sign(0) = 0, [... x 2] N m."""
+    fade = np.exp(-(velocity**2) / np.array(friction.v_s))
+    dry = np.array(friction.coulomb) + np.array(friction.stiction) * fade
+    return np.array(friction.viscous) * velocity + dry * np.sign(velocity)
 
 
 @dataclass(frozen=True)
@@ -56,14 +63,9 @@ class CascadeFlm(IntegralLaw):
         return torque, IntegralState(integral)
 
     def loops(
-        self,
-        observation: Array,
-        q: Array,
-        v: Array,
-        integral: Array,
-        model: ArmParameters | Array,
+        self, observation: Array, q: Array, v: Array, integral: Array, model: ArmParameters | Array,
         schedule: Array | float = 1.0,
-    ) -> tuple[Array, Array]:
+    ) -> tuple[Array, Array]:  # fmt: skip
         """Return the torque [n x 2] N m of both loops, and the next integral [n x 2].
 
         q [rad] and v [rad/s] are measured or estimated. The model is an arm, or estimated lumped

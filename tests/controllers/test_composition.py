@@ -8,7 +8,9 @@ from benchmarks.policies.spec import resolve
 from controllers import catalogue
 from controllers.base import leaves
 from controllers.composition import Composed
-from controllers.parts import OBSERVERS, Drive, Springs
+from controllers.parts.drive import Drive
+from controllers.parts.observers import OBSERVERS
+from controllers.parts.springs import Springs
 from fbl_gym import TABLE_1, TwoLinkArmEnv, TwoLinkArmVectorEnv, scenarios
 from fbl_gym.model.arm import inverse_dynamics
 from fbl_gym.records.record import tuning_ranges
@@ -122,7 +124,7 @@ def test_an_observer_estimates_the_motion(name, wrong_model):
     observation, _ = env.reset(seed=0)
     state, errors = law.initial(observation[None]), []
     for _ in range(300):
-        estimate, truth = law._look(observation[None], state)[1][0], env.truth
+        estimate, truth = law._look(observation[None], state).estimate[0], env.truth
         errors.append(estimate[:, :3].T - [truth.position, truth.velocity, truth.acceleration])
         decision, state = law.predict(observation, state)
         observation = env.step(decision)[0]
@@ -160,8 +162,8 @@ def test_a_composition_has_the_gains_of_law_and_parts():
     assert spec.summary.endswith("; with eso and predictor")
     assert {"kp", "eso_bandwidth", "predictor_lead"} <= set(tuning_ranges(spec.factory()))
     law = spec.make(TwoLinkArmEnv(actuator={"lag": 0.01}), kp=30.0, eso_bandwidth=70.0, predictor_lead=1.0)
-    assert (law._inside.kp, law._made["observer"].bandwidth) == ((30.0, 30.0), (70.0, 70.0))
-    assert law._made["predictor"].lead == 1.0
+    assert (law._inside.kp, law._observer.bandwidth) == ((30.0, 30.0), (70.0, 70.0))
+    assert law._predictor.lead == 1.0
 
 
 @pytest.mark.parametrize(

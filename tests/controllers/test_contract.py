@@ -13,7 +13,7 @@ from benchmarks.policies.spec import resolve
 from benchmarks.run.contract import broken
 from benchmarks.run.rollout import rollout
 from controllers import catalogue
-from controllers.base import reference_at
+from controllers.preview import reference_at
 from fbl_gym import ArmParameters, Interface, TwoLinkArmEnv, TwoLinkArmVectorEnv
 from fbl_gym.model.arm import inverse_dynamics
 from fbl_gym.records.record import number

@@ -68,7 +68,7 @@ def test_integrators_pause_while_the_torque_saturates(name, monkeypatch):
         return -tracking(controllers.make(name, env, **gains), env, 900)[0][:, 0].min()
 
     paused, unlimited = overshoot(), overshoot(actuator=None)
-    module = f"controllers.{name.split('-')[0]}.winds_up"
+    module = f"controllers.paper.{name.split('-')[0]}.winds_up"
     monkeypatch.setattr(module, lambda *arguments: np.zeros_like(arguments[2], dtype=bool))
     wound_up = overshoot()
     assert wound_up > 1.3 * unlimited

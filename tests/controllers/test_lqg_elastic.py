@@ -51,11 +51,12 @@ def test_the_state_is_predicted_as_by_an_ode_solver():
         )
 
     exact = solve_ivp(rates, (0.0, 2e-3), x, method="DOP853", rtol=1e-12, atol=1e-14).y[:, -1]
-    found = law.moved(np.concatenate([x, d])[None], torque[None], 2e-3)[0]
+    start = np.concatenate([x, d])[None], torque[None], torque[None, None]
+    found = law.moved(*start, np.array([2e-3]))[0][0]
     assert np.abs(found[:8] - exact).max() < 5e-3 * np.abs(exact - x).max()
     assert np.array_equal(found[8:], d)
     # A delay of whole samples leaves a rest of some 1e-19 s.
-    np.testing.assert_allclose(law.moved(np.concatenate([x, d])[None], torque[None], 1e-19)[0, :8], x, atol=1e-12)
+    np.testing.assert_allclose(law.moved(*start, np.array([1e-19]))[0][0, :8], x, atol=1e-12)
 
 
 @pytest.mark.parametrize("encoder", ["link", "motor"])

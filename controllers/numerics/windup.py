@@ -1,4 +1,4 @@
-"""The anti-windup of the laws that linearise by `arm.inverse_dynamics`, and known friction."""
+"""Anti-windup of the laws that linearise by `arm.inverse_dynamics`."""
 
 from typing import Any
 
@@ -8,14 +8,6 @@ from numpy.typing import NDArray
 from controllers.numerics.dynamics import forward_dynamics
 from fbl_gym.interface import Interface
 from fbl_gym.model.arm import Array
-from fbl_gym.options import Friction
-
-
-def friction_torque(friction: Friction, velocity: Array) -> Array:
-    """Return the friction torque of equation (43) as printed, with sign(0) = 0, [... x 2] N m."""
-    fade = np.exp(-(velocity**2) / np.array(friction.v_s))
-    dry = np.array(friction.coulomb) + np.array(friction.stiction) * fade
-    return np.array(friction.viscous) * velocity + dry * np.sign(velocity)
 
 
 def winds_up(
