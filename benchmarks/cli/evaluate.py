@@ -11,7 +11,7 @@ from benchmarks.cli import common
 from benchmarks.policies.name import PolicyName
 from benchmarks.policies.spec import resolve_isolated
 from benchmarks.report import terminal
-from benchmarks.report.columns import number
+from benchmarks.report.columns import Table, number
 from benchmarks.report.export import write_runs
 from benchmarks.report.latex import write_table
 from benchmarks.report.plot import Panel, band, caption, plot_comparison, plot_lines, plot_trace
@@ -93,7 +93,7 @@ def run(arguments: argparse.Namespace) -> int:
     return 0
 
 
-def _comparison(runs: Mapping[str, Rows], scenario: Scenario) -> terminal.Lines:
+def _comparison(runs: Mapping[str, Rows], scenario: Scenario) -> Table:
     """Return a table of several policies, each compared with the first."""
     errors = {policy: [counted_errors(rows)] for policy, rows in runs.items()}
     first = next(iter(runs))
@@ -107,10 +107,10 @@ def _comparison(runs: Mapping[str, Rows], scenario: Scenario) -> terminal.Lines:
         values = (error, worst, 100 * mean["diverged"], *(mean[name] for name in ("variation", *names)))
         share = f"{100 * better.value:.0f} % ({100 * better.low:.0f}–{100 * better.high:.0f})"
         lines.append((policy, *map(number, values), share if policy != first else ""))
-    return header, lines
+    return Table(header, lines)
 
 
-def _trials_table(traces: Mapping[str, list[Trace]], runs: Mapping[str, list[Rows]]) -> terminal.Lines:
+def _trials_table(traces: Mapping[str, list[Trace]], runs: Mapping[str, list[Rows]]) -> Table:
     """Return a table with a row for each trial and a column for each policy."""
     columns = []
     for policy, trials in runs.items():
@@ -119,7 +119,7 @@ def _trials_table(traces: Mapping[str, list[Trace]], runs: Mapping[str, list[Row
             f"{np.median(error):.3g} ({tail:.3g})" + f", {lost} diverged" * (lost > 0)
             for error, tail, lost in zip(errors, tail_mean(errors), diverged, strict=True)
         ])  # fmt: skip
-    return ("trial", *runs), [(str(trial), *cells) for trial, cells in enumerate(zip(*columns, strict=True), 1)]
+    return Table(("trial", *runs), [(str(trial), *cells) for trial, cells in enumerate(zip(*columns, strict=True), 1)])
 
 
 def _trials_panel(runs: Mapping[str, list[Rows]]) -> Panel:

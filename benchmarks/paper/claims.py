@@ -1,32 +1,87 @@
-"""All claims by name, in the paper's order, and their files."""
+"""All claims by name, in the paper's order, the rule of their verdicts, and their files."""
 
+import dataclasses
 import json
+import tomllib
 from collections.abc import Callable, Mapping, Sequence
+from functools import partial
 from pathlib import Path
-from typing import Any, TypeAlias
+from typing import Any, NamedTuple, TypeAlias
 
 from benchmarks.files import write_text
 from benchmarks.paper import section_2, section_3, section_4
-from benchmarks.paper.claim import Claim, judge, show
+from benchmarks.paper.outcome import Outcome, Values
 from benchmarks.report.markdown import table
-from benchmarks.report.plot import Panel, plot_lines
+from benchmarks.report.plot import plot_lines
 from fbl_gym.records.checks import unknown
 
-CLAIMS: dict[str, Claim] = {
-    name.replace("_", "-"): claim
-    for section in (section_2, section_3, section_4)
-    for name, claim in vars(section).items()
-    if isinstance(claim, Claim)
-}
-
-Measured: TypeAlias = dict[str, Any]
-"""A measured claim: its texts, the values that the paper states and leaves open, and both verdicts.
-
-`cases` has kind, values, measured value, seeds that meet the claim, and "yes" or "no" of each.
-"""
+STATED, OPEN, CONTROL = "stated", "open", "control"
+"""The kinds of a case. Stated: the paper's values, with misprints corrected, or other readings of
+them. Open: a value that the paper leaves open is not the project's first choice. Control: a value
+contradicts the paper; it counts for no verdict."""
 
 SHORT = 2
 """Cases of a claim in the short form: the first values, and the most favourable ones."""
+
+Measured: TypeAlias = dict[str, Any]
+"""A measured claim: its texts, both verdicts, and `cases`, each with kind, values, measured value,
+seeds that meet the claim, and "yes" or "no"."""
+
+
+class Claim(NamedTuple):
+    """A claim of the paper.
+
+    Attributes:
+        texts: figure, claim, paper, bound, scenario, stated and open values, as in `claims.toml`.
+        cases: kind, name and values of each; the first has the first values of all.
+        measure: returns the outcome at some values.
+    """
+
+    texts: dict[str, str]
+    cases: list[tuple[str, str, Values]]
+    measure: Callable[[Values], Outcome]
+
+
+def show(values: Values) -> str:
+    """Return values as text."""
+    return ", ".join(f"{name} {value}" for name, value in values.items())
+
+
+def _claim(name: str, entry: Mapping[str, Any]) -> Claim:
+    """Return the claim of an entry of `claims.toml`."""
+    stated = {key: [value] if isinstance(value, str) else value for key, value in entry["stated"].items()}
+    chosen = entry.get("open", {})
+    texts = {key: entry.get(key, "nominal") for key in ("figure", "claim", "paper", "bound", "scenario")}
+    texts |= {"stated": show({key: " | ".join(each) for key, each in stated.items()}), "chosen": show(chosen)}
+    first = {key: each[0] for key, each in stated.items()} | chosen
+
+    def kind(change: Values) -> str:
+        if any(value not in stated.get(key, [value]) for key, value in change.items()):
+            return CONTROL
+        return OPEN if change.keys() & chosen.keys() else STATED
+
+    cases = [(kind(change), show(change) or "first values", first | change) for change in ({}, *entry["cases"])]
+    functions = vars(section_2) | vars(section_3) | vars(section_4)
+    return Claim(texts, cases, functions[name.replace("-", "_")])
+
+
+_ENTRIES = tomllib.loads(Path(__file__).with_name("claims.toml").read_text(encoding="utf-8"))
+CLAIMS = {name: _claim(name, entry) for name, entry in _ENTRIES.items()}
+
+
+def judge(cases: Sequence[Sequence[str]]) -> tuple[str, str]:
+    """Return the verdicts at stated and at the most favourable open values.
+
+    At stated values, a claim is reproduced if it holds in all stated cases; at the most favourable
+    open values, if it holds in any stated or open case.
+    """
+    stated = [holds for kind, *_, holds in cases if kind == STATED]
+    claimed = [holds for kind, *_, holds in cases if kind != CONTROL]
+    verdicts = ("no" not in stated, stated), ("yes" in claimed, claimed)
+    at_stated, at_best = (
+        f"{'' if held else 'not '}reproduced, {each.count('yes')} of {len(each)}" for held, each in verdicts
+    )
+    return at_stated, at_best
 
 
 def select(names: Sequence[str]) -> list[str]:
@@ -49,19 +104,16 @@ def measure_claim(name: str, cases: int | None = None) -> tuple[Measured, Callab
     Return the measured claim, and a function that draws its picture to a file if there is one.
     """
     claim = CLAIMS[name]
-    kinds, titles, values = zip(*claim.cases()[:cases], strict=True)
+    kinds, titles, values = zip(*claim.cases[:cases], strict=True)
     outcomes = [claim.measure(each) for each in values]
-    at_stated, at_best = judge(kinds, outcomes)
-    readings = {value: " | ".join(map(str, each)) for value, each in claim.stated.items()}
-    measured = {
-        **claim.texts, "stated": show(readings), "chosen": show(claim.chosen), "at_stated": at_stated, "at_best": at_best,
-        "cases": [[kind, title, *each.texts] for kind, title, each in zip(kinds, titles, outcomes, strict=True)],
-    }  # fmt: skip
-    lines = tuple(line for outcome in outcomes for line in outcome.lines)
-    if not lines:
+    rows = [[kind, title, *each.texts] for kind, title, each in zip(kinds, titles, outcomes, strict=True)]
+    at_stated, at_best = judge(rows)
+    measured = {**claim.texts, "at_stated": at_stated, "at_best": at_best, "cases": rows}
+    panels = [outcome.panel for outcome in outcomes if outcome.panel]
+    if not panels:
         return measured, None
-    panel = Panel("", lines=lines, **claim.panel)
-    return measured, lambda path: plot_lines(claim.texts["claim"], [panel], path)
+    panel = dataclasses.replace(panels[0], lines=tuple(line for panel in panels for line in panel.lines))
+    return measured, partial(plot_lines, claim.texts["claim"], [panel])
 
 
 def load(folder: Path) -> dict[str, Measured]:
@@ -84,11 +136,11 @@ def page(claims: Mapping[str, Measured]) -> str:
     header = ("figure", "claim", "paper", "at stated values", "at the most favourable open values", "details")
     columns = ("figure", "claim", "paper", "at_stated", "at_best")
     rows = [(*(c[column] for column in columns), f"[{name}](#{name})") for name, c in claims.items()]
-    sections = [table(header, rows)]
-    for name, c in claims.items():
-        sections.append(f"\n### {name}\n\n{c['claim']} (the paper: {c['paper']}).\n\n- Bound: {c['bound']}\n")
-        sections.append(f"- Stated: {c['stated'] or '–'}\n- Open: {c['chosen'] or '–'}\n- Scenario: {c['scenario']}\n")
-        verdicts = f"*{c['at_stated']}*; at the most favourable open ones: *{c['at_best']}*"
-        sections.append(f"- Verdict at stated values: {verdicts}\n\n")
-        sections.append(table(("kind", "case", "measured", "seeds that meet it", "holds"), c["cases"]))
-    return "".join(sections)
+    sections = [
+        f"\n### {name}\n\n{c['claim']} (the paper: {c['paper']}).\n\n- Bound: {c['bound']}\n"
+        f"- Stated: {c['stated'] or '–'}\n- Open: {c['chosen'] or '–'}\n- Scenario: {c['scenario']}\n"
+        f"- Verdict at stated values: *{c['at_stated']}*; at the most favourable open ones: *{c['at_best']}*\n\n"
+        + table(("kind", "case", "measured", "seeds that meet it", "holds"), c["cases"])
+        for name, c in claims.items()
+    ]
+    return table(header, rows) + "".join(sections)

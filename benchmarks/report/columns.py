@@ -3,17 +3,26 @@
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, TypeAlias
+from functools import partial
+from typing import Any, NamedTuple, TypeAlias
 
 import numpy as np
 
 from benchmarks.analysis.board import Board, meaning_of
 from benchmarks.analysis.statistics import Estimate
+from fbl_gym.model.arm import Array
 
 Value: TypeAlias = float | str | None
 
 ALL, ALL_BUT_LATEX, NONE = "all", "all but LaTeX", "none"
 """The tables that have a column; the page has all columns."""
+
+
+class Table(NamedTuple):
+    """A table of texts, which the terminal, Markdown and LaTeX print."""
+
+    header: Sequence[str]
+    rows: Sequence[Sequence[str]]
 
 
 @dataclass(frozen=True)
@@ -58,10 +67,8 @@ class Column:
 
     def interval(self, i: int, between: str = "–") -> str:
         """Return the interval of policy i as text; empty without an interval."""
-        low, high = (self.low[i], self.high[i]) if self.low else (None, None)
-        if not isinstance(low, float | int) or not isinstance(high, float | int):
-            return ""
-        return f"{self.form(low)}{between}{self.form(high)}"
+        ends = [self.form(x) for end in (self.low, self.high) if end and isinstance(x := end[i], float | int)]
+        return between.join(ends)
 
     def cell(self, i: int, brief: bool = False) -> str:
         """Return the entry of policy i in a table; a brief one has no interval in brackets."""
@@ -72,14 +79,17 @@ class Column:
         note = f", {self.notes[i]}" if self.notes and self.notes[i] else ""
         return self.text(i) + (ends if low else "") + note
 
-    def leader(self, ranked: Sequence[int]) -> Value:
-        """Return the best value of some policies; None where no value is better than another."""
-        values = [x for i in ranked if isinstance(x := self.values[i], float | int)]
-        return self.best * max(self.best * x for x in values) if self.best and len(set(values)) > 1 else None
+    def leads(self, i: int, ranked: Sequence[int]) -> bool:
+        """Return whether policy i has the best value of some; False where all have the same."""
+        values = {self.best * x for j in ranked if isinstance(x := self.values[j], float | int)}
+        value = self.values[i]
+        return (
+            len(values) > 1 and isinstance(value, float | int) and bool(self.best * value == np.fmax.reduce([*values]))
+        )
 
 
-def over_all(boards: Mapping[str, Board], rows: Sequence[str] = ()) -> tuple[list[str], list[list[str]]]:
-    """Return a table of several boards: header, and rows with rank, score and error of a policy.
+def over_all(boards: Mapping[str, Board], rows: Sequence[str] = ()) -> Table:
+    """Return a table of several boards: rank, score and error of each policy.
 
     The policies come in the order of their best rank, then of the mean of their scores.
 
@@ -87,37 +97,31 @@ def over_all(boards: Mapping[str, Board], rows: Sequence[str] = ()) -> tuple[lis
         boards: by name.
         rows: names of policies; empty: all that are ranked.
     """
-    texts: dict[str, dict[str, str]] = {}
-    scores: dict[str, float] = {}
-    best: dict[str, float] = {}
+    entries: dict[str, dict[str, tuple[float, float, str]]] = {}
     for name, board in boards.items():
-        for place, i in enumerate(board.ranked):
+        for i, value, low, high in zip(board.ranked, board.rank.value, board.rank.low, board.rank.high, strict=True):
             score = math.nan if board.score is None else float(board.score.value[i])
-            low, high = (f"{end[place]:.0f}" for end in (board.rank.low, board.rank.high))
-            rank = low if low == high else f"{low}–{high}"
-            texts.setdefault(board.policies[i], {})[name] = f"{rank} · {score:.1f} · {number(board.error.value[i])} %"
-            scores[board.policies[i]] = scores.get(board.policies[i], 0.0) + score / len(boards)
-            best[board.policies[i]] = min(board.rank.value[place], best.get(board.policies[i], math.inf))
-    order = sorted(rows or texts, key=lambda policy: (best[policy], -scores[policy]))
-    body = [
-        [policy, *(texts[policy].get(name, "–").replace("nan", "–") for name in boards),
-         f"{scores[policy]:.1f}" if len(texts[policy]) == len(boards) else "–"]
-        for policy in order
-    ]  # fmt: skip
-    return ["policy", *boards, "mean score"], body
+            rank = f"{low:.0f}" if low == high else f"{low:.0f}–{high:.0f}"
+            text = f"{rank} · {score:.1f} · {number(board.error.value[i])} %".replace("nan", "–")
+            entries.setdefault(board.policies[i], {})[name] = value, score, text
+    best = {policy: min(rank for rank, _, _ in places.values()) for policy, places in entries.items()}
+    mean = {policy: sum(score for _, score, _ in places.values()) / len(boards) for policy, places in entries.items()}
+    body = []
+    for policy in sorted(rows or entries, key=lambda policy: (best[policy], -mean[policy])):
+        texts = [entries[policy][name][-1] if name in entries[policy] else "–" for name in boards]
+        body.append([policy, *texts, f"{mean[policy]:.1f}" if len(entries[policy]) == len(boards) else "–"])
+    return Table(["policy", *boards, "mean score"], body)
 
 
-def leaders(board: Board) -> tuple[list[str], list[list[str]]]:
-    """Return a table of the policy that leads each family: header, and rows with its error."""
+def leaders(board: Board) -> Table:
+    """Return a table of the policy that leads each family, with its error."""
     rows = []
     for family, estimate in board.family_errors.items():
         first, second, *_ = sorted(board.ranked, key=lambda i: estimate.value[i])[:2] * 2
-        rows.append([
-            family, board.policies[first], f"{number(estimate.value[first])} %",
-            f"{number(board.mrad(board.families[family])[first])} mrad", board.policies[second],
-            f"{number(estimate.value[second])} %",
-        ])  # fmt: skip
-    return ["family", "first", "error", "", "second", "error"], rows
+        errors = [f"{number(estimate.value[i])} %" for i in (first, second)]
+        mrad = f"{number(board.mrad(board.families[family])[first])} mrad"
+        rows.append([family, board.policies[first], errors[0], mrad, board.policies[second], errors[1]])
+    return Table(["family", "first", "error", "", "second", "error"], rows)
 
 
 def number(x: float) -> str:
@@ -134,20 +138,16 @@ def percent(x: float) -> str:
     return f"{x:.2g}" if x < 99.5 else f"{x:.0f}"
 
 
-def _estimated(key: str, title: str, meaning: str, estimate: Estimate, scale: float = 1.0, **more: Any) -> Column:
-    """Return a column of numbers with intervals, times a scale."""
-    value, low, high = ((scale * np.asarray(x)).tolist() for x in (estimate.value, estimate.low, estimate.high))
-    return Column(key, title, meaning, value, low, high, **more)
-
-
-def _ranked(board: Board, key: str, title: str, meaning: str, ranks: Estimate) -> Column:
-    """Return a column of ranks, which only ranked policies have."""
-    value, low, high = (
-        [dict(zip(board.ranked, bound.tolist(), strict=True)).get(i) for i in range(len(board.policies))]
-        for bound in (ranks.value, ranks.low, ranks.high)
-    )
-    meaning += " Median and interval over the bootstrap. A policy with privileged access has no rank."
-    return Column(key, title, meaning, value, low, high, form="{:.0f}".format, tables=ALL, ends="range")
+def _column(
+    board: Board, key: str, title: str, meaning: str, numbers: Estimate | Array, scale: float = 1.0, **more: Any
+) -> Column:
+    """Return a column of numbers times a scale, of all policies or of the ranked ones."""
+    ends = (numbers.value, numbers.low, numbers.high) if isinstance(numbers, Estimate) else (numbers,)
+    rows = board.ranked if len(ends[0]) == len(board.ranked) else range(len(board.policies))
+    for name, end in zip(("values", "low", "high"), ends, strict=False):
+        known = dict(zip(rows, (scale * end).tolist(), strict=True))
+        more[name] = [known.get(i) for i in range(len(board.policies))]
+    return Column(key, title, meaning, **more)
 
 
 def _violations(board: Board) -> list[float | None]:
@@ -173,14 +173,16 @@ def columns(board: Board) -> list[Column]:
     """Return the columns of a board, from left to right, without those of no value."""
     first, *others = board.tiers
     here = f"in the tier {first}" if others else "of this suite"
+    numbers, ranks = partial(_column, board), partial(_column, board, form="{:.0f}".format, tables=ALL, ends="range")
+    interval = " Median and interval over the bootstrap. A policy with privileged access has no rank."
     every = [
-        _ranked(board, "rank", "rank", "Rank by the score, or by the error where there is no score.", board.rank),
+        ranks("rank", "rank", f"Rank by the score, or by the error where there is no score.{interval}", board.rank),
         Column(
             "policy", "policy", "Name of the policy. The row of an agent is the mean over its training seeds. Where a policy "
             "failed, it counts as the motionless baseline.", board.policies, notes=_notes(board), tables=ALL,
         ),
         *(
-            _estimated(
+            numbers(
                 f"score-{tier}" if tier != first else "score", "score" if tier == first else f"{tier} score",
                 "0 is the motionless baseline, 100 the ceiling: the law with the least error that knows the truth. "
                 f"Logarithmic in the error; each percent of diverged runs counts as twice the error. Mean of the scenarios "
@@ -189,49 +191,33 @@ def columns(board: Board) -> list[Column]:
             )
             for tier, score in board.scores.items()
         ),
-        _estimated(
+        numbers(
             "error", "error %", f"Geometric mean, over all runs {here}, of the mean absolute tracking error in % of the "
             "reference's amplitude, half its range.", board.error, best=-1, tables=ALL, ends="interval",
         ),
-        _estimated(
+        numbers(
             "diverged", "diverged %", f"Share of runs that diverged {here}, with the upper end of its posterior's interval. "
             "These runs count in every error.", board.diverged, 100.0, best=-1, form=percent, tables=ALL, ends="upper",
         ),
-        Column(
-            "violation", "violation %", f"Share of samples beyond the constraints, mean of the runs {here}.",
-            _violations(board), best=-1, form=percent, tables=ALL,
-        ),
-        Column(
-            "effort", "effort", "Torque variation relative to that of the ceiling, median of the scenarios.",
-            [] if board.effort is None else board.effort.tolist(), tables=ALL,
-        ),
-        Column(
-            "worst", "worst 5 %", f"Mean error % of the worst 5 % of the runs {here}.", board.worst.tolist(), best=-1,
-            tables=ALL,
-        ),
-        _ranked(board, "error-rank", "error rank", "Rank by the error.", board.error_rank),
-        _ranked(board, "diverged-rank", "diverged rank", "Rank by the share of runs that diverge.", board.diverged_rank),
-        Column(
-            "mrad", "mrad", f"Geometric mean, over all runs {here}, of the mean absolute tracking error of both joints [mrad].",
-            board.mrad(board.main).tolist(), best=-1,
-        ),
+        Column("violation", "violation %", f"Share of samples beyond the constraints, mean of the runs {here}.",
+               _violations(board), best=-1, form=percent, tables=ALL),
+        Column("effort", "effort", "Torque variation relative to that of the ceiling, median of the scenarios.",
+               [] if board.effort is None else board.effort.tolist(), tables=ALL),
+        numbers("worst", "worst 5 %", f"Mean error % of the worst 5 % of the runs {here}.", board.worst, best=-1, tables=ALL),
+        ranks("error-rank", "error rank", f"Rank by the error.{interval}", board.error_rank),
+        ranks("diverged-rank", "diverged rank", f"Rank by the share of runs that diverge.{interval}", board.diverged_rank),
+        numbers("mrad", "mrad", f"Geometric mean, over all runs {here}, of the mean absolute tracking error of both joints "
+                "[mrad].", board.mrad(board.main), best=-1),
         *(
-            _estimated(f"family-{family}", family, f"Error % over one family: {meaning_of(board.scenarios[members[0]])}.",
-                      board.family_errors[family], best=-1, tables=ALL_BUT_LATEX if members[0] in board.main else NONE)
+            numbers(f"family-{family}", family, f"Error % over one family: {meaning_of(board.scenarios[members[0]])}.",
+                    board.family_errors[family], best=-1, tables=ALL_BUT_LATEX if members[0] in board.main else NONE)
             for family, members in board.families.items()
         ),
-        Column(
-            "access", "access", "Knowledge of the arm: none, the nominal model, or privileged (the real arm).",
-            [spec.access for spec in board.specs],
-        ),
-        Column(
-            "sensors", "sensors", "What the policy reads: p position, v velocity, a acceleration, r the coming reference.",
-            [" ".join([name[0] for name in spec.needs] + ["r"] * (spec.preview > 0)) or "none" for spec in board.specs],
-        ),
-        Column(
-            "decision", "µs/decision", "Wall time of one decision of one lane of a batch [µs].",
-            board.decision_us.tolist(),
-        ),
+        Column("access", "access", "Knowledge of the arm: none, the nominal model, or privileged (the real arm).",
+               [spec.access for spec in board.specs]),
+        Column("sensors", "sensors", "What the policy reads: p position, v velocity, a acceleration, r the coming reference.",
+               [" ".join([name[0] for name in spec.needs] + ["r"] * (spec.preview > 0)) or "none" for spec in board.specs]),
+        numbers("decision", "µs/decision", "Wall time of one decision of one lane of a batch [µs].", board.decision_us),
         Column("tuning", "gains", "Origin of the gains.", [spec.tuning for spec in board.specs], tables=NONE),
     ]  # fmt: skip
     return [column for column in every if any(value is not None for value in column.values)]

@@ -3,14 +3,12 @@
 A path's ending gives the format. A figure's title is stored in the file and not drawn.
 """
 
-from __future__ import annotations
-
 import warnings
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import Any
 
 import numpy as np
 
@@ -19,10 +17,6 @@ from benchmarks.files import replacing
 from benchmarks.run.metrics import errors
 from benchmarks.run.rollout import Trace
 from fbl_gym.model.arm import Array
-
-if TYPE_CHECKING:  # a figure alone needs Matplotlib
-    from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
 
 COLORS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#56B4E9", "#E69F00", "#000000")
 """Okabe and Ito's colours, which colour-blind readers tell apart."""
@@ -83,9 +77,9 @@ class Panel:
 
 
 @contextmanager
-def _figure(title: str, path: Path, size: tuple[float, float]) -> Iterator[Figure]:
-    """Yield a figure of some size [in], and write it to a path at the end."""
-    from matplotlib import rc_context
+def _figure(title: str, path: Path, size: tuple[float, float]) -> Iterator[Any]:
+    """Yield a Matplotlib figure of some size [in], and write it to a path at the end."""
+    from matplotlib import rc_context  # a figure alone needs it
     from matplotlib.figure import Figure
 
     with rc_context(fname=STYLE), replacing(path) as beside:
@@ -123,7 +117,7 @@ def plot_lines(title: str, panels: Sequence[Panel], path: Path, columns: int = 2
             figure.legend(*grid[0, 0].get_legend_handles_labels(), loc="outside upper center", ncols=in_row)
 
 
-def _draw(axes: Axes, panel: Panel) -> None:
+def _draw(axes: Any, panel: Panel) -> None:
     for i, line in enumerate(panel.lines):
         color = line.color or COLORS[i % len(COLORS)]
         many = len(line.x) > 24
@@ -183,15 +177,17 @@ def plot_trace(trace: Trace, title: str, path: Path, columns: int = 2) -> None:
         "torque [N m]": trace.torque,
         "disturbance [N m]": trace.disturbance,
     }
+    if not trace.disturbance.any():
+        del signals["disturbance [N m]"]
     panels = []
     for label, signal in signals.items():
         known = np.where(trace.alive[:, : signal.shape[1], None], signal, np.nan)
         lines = [band(trace.time, known[..., joint], f"joint {joint + 1}") for joint in (0, 1)]
         if signal is angle:
-            names = ("reference", "_")
-            lines += [Line(trace.time, trace.reference[:, 0, j], names[j], "black", ":") for j in (0, 1)]
-        if signal is not trace.disturbance or signal.any():
-            panels.append(Panel("", "time [s]", label, tuple(lines)))
+            lines += [
+                Line(trace.time, trace.reference[:, 0, j], "_" if j else "reference", "black", ":") for j in (0, 1)
+            ]
+        panels.append(Panel("", "time [s]", label, tuple(lines)))
     plot_lines(title, panels, path, columns, across=1)
 
 
@@ -208,14 +204,13 @@ def plot_comparison(traces: Mapping[str, Trace], title: str, path: Path, columns
     sizes = np.diff([*starts, len(first.time)])
     time = np.add.reduceat(first.time, starts) / sizes
     label, scale = ("error [mrad]", "linear") if single else ("mean |error| [mrad]", "log")
-    panels = []
-    for joint in (0, 1):
-        lines = []
-        for policy, trace in traces.items():
-            signed = np.where(trace.alive[..., None], trace.reference - trace.position, np.nan)
-            error = 1e3 * (signed if single else errors(trace))[..., joint]
-            lines.append(band(time, np.add.reduceat(error, starts) / sizes[:, None], policy))
-        panels.append(Panel(f"joint {joint + 1}", "time [s]", label, tuple(lines), ("linear", scale)))
+    lines: tuple[list[Line], list[Line]] = [], []
+    for policy, trace in traces.items():
+        signed = np.where(trace.alive[..., None], trace.reference - trace.position, np.nan)
+        means = np.add.reduceat(1e3 * (signed if single else errors(trace)), starts) / sizes[:, None, None]
+        for joint in (0, 1):
+            lines[joint].append(band(time, means[..., joint], policy))
+    panels = [Panel(f"joint {j + 1}", "time [s]", label, tuple(lines[j]), ("linear", scale)) for j in (0, 1)]
     plot_lines(title, panels, path, columns)
 
 
@@ -229,9 +224,8 @@ def plot_scores(boards: Mapping[str, Board], path: Path, rows: int = 8) -> None:
         panels = figure.subplots(len(scored), 1, squeeze=False)[:, 0]
         for axes, (name, (board, score)) in zip(panels, scored.items(), strict=True):
             first = [i for i in board.order if i in board.ranked][:rows]
-            value = score.value[first]
-            ends = value - score.low[first], score.high[first] - value
-            axes.errorbar(value, range(len(first)), xerr=ends, fmt="o", color=COLORS[0])
+            value, low, high = score.value[first], score.low[first], score.high[first]
+            axes.errorbar(value, range(len(first)), xerr=(value - low, high - value), fmt="o", color=COLORS[0])
             axes.margins(x=0.04)
             axes.set(title=name, xlabel="score", ylim=(rows - 0.5, -0.5))
             labels = [board.policies[i].removesuffix("@tuned") for i in first]

@@ -9,18 +9,15 @@ from rich.box import SIMPLE_HEAD
 from rich.console import Console
 from rich.markup import escape
 from rich.segment import Segment
-from rich.table import Table
+from rich.table import Table as Drawn
 from rich.text import Text
 
 from benchmarks.analysis.board import Board
-from benchmarks.report.columns import ALL, Column, columns_of, over_all
+from benchmarks.report.columns import ALL, Column, Table, columns_of, over_all
 from benchmarks.run.metrics import METRICS, counted_errors
 from benchmarks.text import visible
 
 Justify: TypeAlias = Literal["left", "right"]
-
-Lines: TypeAlias = tuple[Sequence[str], Sequence[Sequence[str]]]
-"""The header and the rows of a table."""
 
 MEANING = (
     "score: 0 for the motionless baseline, 100 for the best law that knows the truth; below 0 is worse than no motion. "
@@ -47,9 +44,9 @@ class Screen(Console):
         self.print(text, markup=False, highlight=False, soft_wrap=True)
 
 
-def table(title: str, header: Sequence[str], rows: Iterable[Sequence[str | Text]], justify: Justify = "right") -> Table:
+def table(title: str, header: Sequence[str], rows: Iterable[Sequence[str | Text]], justify: Justify = "right") -> Drawn:
     """Return a table whose columns after the first are aligned by `justify`; no text is cut."""
-    drawn = Table(title=escape(title), title_style="bold", box=SIMPLE_HEAD)
+    drawn = Drawn(title=escape(title), title_style="bold", box=SIMPLE_HEAD)
     for i, name in enumerate(header):
         drawn.add_column(escape(name), justify=justify if i else "left", overflow="fold")
     for row in rows:
@@ -82,24 +79,21 @@ def leaderboard(console: Console, board: Board) -> None:
         console.print(escape(remark), style="red" if remark in board.gaps else "yellow")
 
 
-def _board(board: Board, selected: Sequence[Column]) -> Table:
+def _board(board: Board, selected: Sequence[Column]) -> Drawn:
     """Return a table with some columns of a board."""
-    leaders = [column.leader(board.ranked) for column in selected]
     rows = []
     for i in board.order:
-        cells = [Text(column.cell(i, brief=True)) for column in selected]
-        if board.specs[i].ranked:
-            for cell, column, leader in zip(cells, selected, leaders, strict=True):
-                cell.style = "green" if leader is not None and column.values[i] == leader else ""
-        else:
-            cells[0] = Text(f"({cells[0]})")
-        rows.append(cells)
+        ranked = board.specs[i].ranked
+        leads = [ranked and column.leads(i, board.ranked) for column in selected]
+        cells = [column.cell(i, brief=True) for column in selected]
+        cells[0] = cells[0] if ranked else f"({cells[0]})"
+        rows.append([Text(cell, "green" if best else "") for cell, best in zip(cells, leads, strict=True)])
     counts = {"scenario": len(board.scenarios), "seed": len(board.seeds)}
     title = ", ".join(f"{n} {name}{'s' * (n != 1)}" for name, n in counts.items())
     return table(f"{title} each; board {board.version}", [column.title for column in selected], rows)
 
 
-def evaluation(rows: list[dict[str, float]], decision_us: float) -> Lines:
+def evaluation(rows: list[dict[str, float]], decision_us: float) -> Table:
     """Return the metrics of one policy on one scenario: mean and largest value over the seeds."""
     errors = counted_errors(rows)
     mean = f"{np.exp(np.log(errors).mean()):.4g}"
@@ -109,4 +103,4 @@ def evaluation(rows: list[dict[str, float]], decision_us: float) -> Lines:
         mean, most = (f"{np.mean(known):.4g}", f"{max(known):.4g}") if known else ("-", "-")
         lines.append((name, mean, most, meaning))
     lines.append(("decision_us", f"{decision_us:.3g}", "", "wall time of one decision of one lane [us]"))
-    return ("metric", "mean", "largest", "meaning"), lines
+    return Table(("metric", "mean", "largest", "meaning"), lines)

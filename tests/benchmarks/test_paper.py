@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 from benchmarks.cli import reproduce
-from benchmarks.paper import claims, measuring, section_3
-from benchmarks.paper.claim import CONTROL, OPEN, REPRODUCED, STATED, Outcome, judge
-from benchmarks.paper.claims import CLAIMS, SHORT, measure_claim
+from benchmarks.paper import claims, measuring
+from benchmarks.paper.claims import CLAIMS, CONTROL, OPEN, SHORT, STATED, judge, measure_claim
+from benchmarks.paper.outcome import Outcome
 from benchmarks.run.rollout import rollout
 from fbl_gym import TwoLinkArmVectorEnv, scenarios
 
@@ -36,25 +36,27 @@ SECONDS = {
 
 def test_one_rule_gives_both_verdicts():
     """A case holds if the 95 % interval of the share of seeds lies above 90 %; controls count for neither verdict."""
-    assert Outcome(np.arange(40) < 40).holds
-    assert not Outcome(np.arange(40) < 39).holds
-    yes, no = Outcome(True), Outcome(False)
-    assert judge([STATED, STATED, CONTROL], [yes, no, yes]) == ("not reproduced, 1 of 2", "reproduced, 1 of 2")
-    assert judge([STATED, OPEN], [no, yes]) == ("not reproduced, 0 of 1", "reproduced, 1 of 2")
-    assert judge([STATED, CONTROL], [no, yes]) == ("not reproduced, 0 of 1",) * 2
-    assert Outcome(np.zeros(8, dtype=bool), "5 %").texts == ("5 %", "0 of 8", "no")
+    assert Outcome(np.arange(40) < 40).texts == ("", "40 of 40", "yes")
+    assert Outcome(np.arange(40) < 39).texts == ("", "39 of 40", "no")
+    assert Outcome(np.True_, "5 %").texts == ("5 %", "", "yes")
+    stated, not_stated, best, control = [STATED, "yes"], [STATED, "no"], [OPEN, "yes"], [CONTROL, "yes"]
+    assert judge([stated, not_stated, control]) == ("not reproduced, 1 of 2", "reproduced, 1 of 2")
+    assert judge([not_stated, best]) == ("not reproduced, 0 of 1", "reproduced, 1 of 2")
+    assert judge([not_stated, control]) == ("not reproduced, 0 of 1",) * 2
 
 
 def test_a_value_that_contradicts_the_paper_makes_a_control():
-    kind, small = CLAIMS["figure-4b-error"].kind, {"noise": "σ 0.01"}
-    assert [kind(change) for change in ({}, {"noise": "1 dB"})] == [STATED, STATED]
-    assert [kind(change) for change in ({"Kp": "150"}, {"noise": "1 dB", "Kp": "150"})] == [OPEN, OPEN]
-    assert [kind(change) for change in (small, small | {"Kp": "150"}, {"estimates": "double"})] == [CONTROL] * 3
+    kinds = {title: kind for kind, title, _ in CLAIMS["figure-4b-error"].cases}
+    assert [kinds[title] for title in ("first values", "noise 1 dB")] == [STATED, STATED]
+    best = "Kp 150, reference 2 rad/s"
+    assert [kinds[title] for title in (best, f"{best}, rate 10 kHz, noise 1 dB")] == [OPEN, OPEN]
+    controls = "noise σ 0.01", f"noise σ 0.01, {best}", "estimates double"
+    assert [kinds[title] for title in controls] == [CONTROL] * 3
 
 
 @pytest.mark.parametrize("name", CLAIMS)
 def test_cases_differ_and_change_values_of_the_claim(name):
-    kinds, titles, values = zip(*CLAIMS[name].cases(), strict=True)
+    kinds, titles, values = zip(*CLAIMS[name].cases, strict=True)
     assert kinds[0] == STATED
     assert len(set(titles)) == len(titles)
     assert all(each.keys() == values[0].keys() for each in values)
@@ -73,11 +75,11 @@ def test_a_radius_has_directions(direction, low, high):
 @pytest.mark.parametrize("name", CLAIMS)
 def test_the_committed_verdicts_follow_from_the_cases_that_the_code_declares(name):
     committed, declared = COMMITTED[name], CLAIMS[name]
-    assert [case[:2] for case in committed["cases"]] == [[kind, title] for kind, title, _ in declared.cases()]
+    assert [case[:2] for case in committed["cases"]] == [[kind, title] for kind, title, _ in declared.cases]
     assert declared.texts.items() <= committed.items()
-    outcomes = [Outcome(meets(count, holds)) for _, _, _, count, holds in committed["cases"]]
-    assert ["yes" if outcome.holds else "no" for outcome in outcomes] == [case[-1] for case in committed["cases"]]
-    assert (committed["at_stated"], committed["at_best"]) == judge([case[0] for case in committed["cases"]], outcomes)
+    for *_, measured, count, holds in committed["cases"]:
+        assert Outcome(meets(count, holds), measured).texts == (measured, count, holds)
+    assert (committed["at_stated"], committed["at_best"]) == judge(committed["cases"])
 
 
 def meets(count, holds):
@@ -92,9 +94,8 @@ def test_two_seeds_meet_a_claim_as_all_do(name, i, monkeypatch):
         return rollout(policy, task.replace(duration=SECONDS.get(name, task.duration)), seeds[:2], *more)
 
     monkeypatch.setattr(measuring, "rollout", short)
-    for cache in (section_3._cached_rows, measuring._errors):
-        cache.cache_clear()
-    measured = CLAIMS[name].measure(CLAIMS[name].cases()[i][2])
+    measuring.metrics.cache_clear()
+    measured = CLAIMS[name].measure(CLAIMS[name].cases[i][2])
     _, _, text, count, holds = COMMITTED[name]["cases"][i]
     assert len(set(meets(count, holds))) == 1 if count else name in SECONDS or measured.measured == text
     assert np.all(measured.meets == (holds == "yes"))
@@ -104,6 +105,7 @@ def test_two_seeds_meet_a_claim_as_all_do(name, i, monkeypatch):
 @pytest.mark.parametrize("name", CLAIMS)
 def test_the_committed_numbers_are_those_of_the_code(name, tmp_path):
     """In the short form."""
+    measuring.metrics.cache_clear()
     (short, draw), committed = measure_claim(name, SHORT), COMMITTED[name]
     assert short["cases"] == committed["cases"][:SHORT]
     if draw is not None:
@@ -122,7 +124,7 @@ def test_each_point_of_the_summary_names_a_claim():
 
 def test_the_summary_counts_the_verdicts():
     stated, best = (
-        sum(each[column].startswith(REPRODUCED) for each in COMMITTED.values()) for column in ("at_stated", "at_best")
+        sum(each[column].startswith("reproduced") for each in COMMITTED.values()) for column in ("at_stated", "at_best")
     )
     assert f"{stated} of {len(CLAIMS)} claims are reproduced at stated values, and {best} at" in PAGE
 
