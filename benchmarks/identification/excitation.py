@@ -10,7 +10,7 @@ from scipy.optimize import minimize
 
 from benchmarks.identification.model import INDEX, parameters_of, torque_columns
 from fbl_gym.model.arm import Array
-from fbl_gym.records.checks import Pair
+from fbl_gym.records.checks import Pair, check_number, check_pair
 from fbl_gym.scenarios import Scenario
 
 HARMONICS = 5
@@ -29,12 +29,14 @@ def plan(
     Args:
         start: a scenario of a similar arm; its torque limits hold.
         centre: of the motion, where it starts at rest [rad].
-        amplitude: largest distance from the centre [rad].
-        speed: largest velocity [rad/s].
+        amplitude: largest distance from the centre [rad], within `limits.position` of the scenario.
+        speed: largest velocity [rad/s], within `limits.velocity`.
         period: of the motion [s].
         dt: time between two samples [s].
         seed: of the search.
     """
+    amplitude = check_pair("amplitude", amplitude, above=0, high=start.limits.position)
+    speed = check_number("speed", speed, above=0, high=start.limits.velocity)
     rate = 2 * np.pi / period * np.arange(1, HARMONICS + 1)
 
     def series(time: Array) -> Array:

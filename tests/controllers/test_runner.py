@@ -1,7 +1,10 @@
 """`controllers.Runner`: the environment's observation, the rollout's torques, stops, and the log."""
 
 import dataclasses
+import json
 import re
+from pathlib import Path
+from unittest.mock import Mock
 
 import numpy as np
 import pytest
@@ -12,6 +15,7 @@ from benchmarks.policies.spec import resolve
 from benchmarks.run.rollout import make_env, rollout
 from controllers import Runner
 from controllers.base import TorqueLaw
+from controllers.laws.computed_torque import ComputedTorque
 from fbl_gym import TwoLinkArmEnv, scenarios
 
 SCENARIO = scenarios.get("servo-delay-2").replace(duration=1.0)
@@ -39,9 +43,9 @@ def drive(runner, scenario, seed=3):
     """Run a runner on the arm of an environment that takes torques; return the torques [T x 2]."""
     env = TwoLinkArmEnv(scenario, action="torque", preview=runner.rows - 1)
     observation, _ = env.reset(seed=seed)
-    torques = []
+    torques, computed = [], scenario.encoder is not None and scenario.encoder.difference is not None
     for k in range(scenario.steps):
-        torques.append(runner.step(**readings(env, observation), time=k * scenario.control_dt))
+        torques.append(runner.step(**readings(env, observation, computed), time=k * scenario.control_dt))
         observation, _, terminated, _, _ = env.step(torques[-1])
         assert not terminated
     assert runner.stopped == ""
@@ -121,11 +125,20 @@ def test_names_that_are_no_robots_policy():
 
 
 @pytest.mark.parametrize(
-    ("argument", "value"), [("ramp", -1.0), ("max_error", 0.0), ("max_interval", 0.001), ("ramp", np.nan)]
+    ("argument", "value"),
+    [("ramp", -1.0), ("max_error", 0.0), ("max_interval", 0.001), ("ramp", np.nan), ("max_velocity", (1.0, 0.0))],
 )
 def test_a_wrong_argument_is_named(argument, value):
     with pytest.raises(ValueError, match=argument):
         Runner("pd-gravity", SCENARIO, **{argument: value})
+
+
+def test_gains_of_another_arm_are_a_warning(tmp_path):
+    gains, arms = tmp_path / "pd-gravity.json", [dataclasses.asdict(scenarios.get("cicese").arm)]
+    gains.write_text(json.dumps({"policy": "pd-gravity", "gains": {"frequency": 9.0}, "arms": arms}))
+    with pytest.warns(UserWarning, match=r"pd-gravity.json has the gains of another arm than that of servo-delay-2"):
+        Runner(f"pd-gravity@{tmp_path}", SCENARIO)
+    Runner(f"pd-gravity@{tmp_path}", "cicese")  # any warning is an error
 
 
 # Stops.
@@ -225,6 +238,189 @@ def test_time_is_the_clocks_if_none_is_given():
     for _ in range(3):
         runner.step([0.0, 0.0], np.zeros(6))
     assert runner.stopped == ""
+
+
+def test_readings_two_samples_apart_are_in_time():
+    """By any clock: 0.05 - 0.03 is more than 0.02, and the seconds since 1970 have few digits left."""
+    for start in (0.0, 1.7e9):
+        runner = Runner("pd-gravity", SCENARIO)
+        for k in range(1, 100, 2):
+            runner.step([0.0, 0.0], np.zeros(6), time=start + 0.01 * k)
+        assert runner.stopped == ""
+
+
+@pytest.mark.parametrize(
+    ("scenario", "options"),
+    [
+        ("servo-nominal", {}), ("direct-nominal", {}), ("geared-nominal", {}), ("servo-lost-readings-2", {}),
+        ("geared-nominal", {"encoder": {"counts": 500, "difference": 20}}), ("servo-friction-3", {}), ("cicese", {}),
+        ("dfki-a0", {}), ("dfki-c1", {"friction": {"coulomb": 1.0, "stiction": 1.0}}),
+    ],
+)  # fmt: skip
+@pytest.mark.parametrize("motion", ["own", "hold", "one joint"])
+def test_a_healthy_run_does_not_stop(scenario, options, motion):
+    """Joints that stick, reverse or creep along a coarse encoder repeat their readings, too."""
+    scenario = scenarios.get(scenario).replace(duration=1.0, **options)
+    if motion != "own":
+        amplitude = 0.0 if motion == "hold" else (0.5, 0.0)
+        scenario = scenario.replace(reference={"kind": "sine", "centre": (-1.0, 0.5), "amplitude": amplitude})
+    for policy in ("pd-gravity", "computed-torque-dob@tuned", "lqg-elastic@tuned"):
+        drive(Runner(policy, scenario), scenario)
+
+
+# The loop of the page, with faults.
+
+PAGE = Path(__file__).parents[2] / "docs" / "how-to" / "run-on-a-robot.md"
+LOOP = re.search(r"```python\n(.*?)```", PAGE.read_text(encoding="utf-8"), flags=re.S)[1]
+FAULT = 50
+"""Sample of the fault, in the middle of the first move."""
+
+
+def stuck(*joints):
+    return lambda now, at_fault: np.where(np.isin((0, 1), joints), at_fault, now)
+
+
+READINGS = {  # the reading, of the true one and that at the fault; the reason; the latest stop [samples]
+    "stuck 1": (stuck(0), "joint 1 has the same reading .* its encoder is stuck", 25),
+    "stuck 2": (stuck(1), "joint 2 has the same reading .* its encoder is stuck", 25),
+    "both stuck": (stuck(0, 1), "its encoder is stuck", 25),
+    "slipped": (lambda now, at_fault: now + (0.3, 0.0), "joint 1 is .* from its last reading", 0),
+    "swapped": (lambda now, at_fault: now[::-1], "joint 1 is .* from its reference", 0),
+    "turned round": (lambda now, at_fault: 2 * at_fault - now, "joint . is .* from its reference", 40),
+    "no number": (lambda now, at_fault: now * np.nan, "position must be 2 finite numbers", 0),
+}
+
+
+def run_page(monkeypatch, *, reading=None, at_step=lambda k: None, text=LOOP):
+    """Run the page's loop; return the robot with all torques and velocities, the runner, and the error."""
+    robots = []
+
+    class Robot(TwoLinkArmEnv):
+        def __init__(self, *args, **options):
+            super().__init__(*args, **options)
+            self.calls, self.torques, self.speeds, self.at_fault = 0, [], [], None
+            robots.append(self)
+
+        def step(self, torque):
+            self.calls += 1
+            at_step(self.calls)
+            self.torques.append(np.array(torque))
+            observation, *rest = super().step(torque)
+            self.speeds.append(np.abs(self.truth.velocity).max())
+            if reading is not None and len(self.torques) >= FAULT:
+                position = observation[:2].copy()
+                self.at_fault = position if self.at_fault is None else self.at_fault
+                observation[:2] = reading(position, self.at_fault)
+            return observation, *rest
+
+    monkeypatch.setattr("fbl_gym.TwoLinkArmEnv", Robot)
+    monkeypatch.setattr("controllers.runner.sleep", lambda seconds: None)
+    names, error = {}, None
+    try:
+        exec(compile(text, "page", "exec"), names)
+    except BaseException as problem:
+        error = problem
+    return robots[0], names["runner"], error
+
+
+def check_ramp(torques):
+    """Check that the torques end in 50 equal steps to zero."""
+    start = np.array(torques[-50]) / 0.98
+    assert np.array(torques[-50:]) == pytest.approx((1 - 0.02 * np.arange(1, 51))[:, None] * start)
+    assert np.any(start)
+    assert not np.any(torques[-1])
+
+
+@pytest.fixture
+def in_folder(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+
+
+@pytest.mark.usefixtures("in_folder")
+@pytest.mark.parametrize("fault", READINGS)
+@pytest.mark.parametrize("policy", ["computed-torque-dob@tuned", "pid-gravity@tuned", "lqg-elastic@tuned"])
+def test_the_loop_of_the_page_survives_a_false_reading(policy, fault, monkeypatch):
+    reading, reason, latest = READINGS[fault]
+    text = LOOP.replace("computed-torque-dob@tuned", policy)
+    robot, runner, error = run_page(monkeypatch, reading=reading, text=text)
+    assert error is None
+    assert re.search(reason, runner.stopped), runner.stopped
+    stop = len(robot.torques) - 50
+    check_ramp(robot.torques)
+    assert FAULT <= stop <= FAULT + latest
+    assert max(robot.speeds[: stop + 1]) < (10.0 if fault == "turned round" else 6.0)
+    assert not runner.stopping
+
+
+@pytest.mark.usefixtures("in_folder")
+@pytest.mark.parametrize("failure", [RuntimeError("no solution"), SystemExit(3), KeyboardInterrupt()], ids=repr)
+def test_the_loop_of_the_page_survives_a_policy_that_fails(failure, monkeypatch):
+    decide, calls = ComputedTorque.predict, []
+
+    def predict(*args, **options):
+        calls.append(0)
+        if len(calls) == 3 + FAULT:
+            raise failure
+        return decide(*args, **options)
+
+    monkeypatch.setattr(ComputedTorque, "predict", predict)
+    robot, runner, error = run_page(monkeypatch)
+    assert error is None
+    assert runner.stopped == (str(failure) or repr(failure))
+    assert len(robot.torques) == FAULT - 1 + 50
+    check_ramp(robot.torques)
+
+
+@pytest.mark.usefixtures("in_folder")
+def test_the_loop_of_the_page_survives_a_late_reading(monkeypatch):
+    text = LOOP.replace("time=k *", "time=(k + 2 * (k >= 50)) *")
+    robot, runner, _ = run_page(monkeypatch, text=text)
+    assert runner.stopped.startswith("time must go on by at most 0.02 s")
+    assert len(robot.torques) == FAULT + 50
+    check_ramp(robot.torques)
+
+
+@pytest.mark.usefixtures("in_folder")
+@pytest.mark.parametrize("failure", [KeyboardInterrupt(), SystemExit(3), OSError("cable"), None], ids=repr)
+def test_the_loop_of_the_page_ends_in_a_ramp(failure, monkeypatch):
+    """After the motion, or an exception of the user's code, which comes once more in the ramp."""
+
+    def at_step(call):
+        if failure is not None and call in (FAULT, FAULT + 20, FAULT + 50):
+            raise failure
+
+    robot, runner, error = run_page(monkeypatch, at_step=at_step)
+    assert error is failure
+    assert runner.stopped == ("" if failure is None else str(failure) or repr(failure))
+    assert len(robot.torques) == (400 if failure is None else FAULT - 1) + 50
+    check_ramp(robot.torques)
+
+
+@pytest.mark.usefixtures("in_folder")
+def test_a_full_disk_ends_the_log_alone(monkeypatch):
+    full, path = OSError(28, "No space left on device"), Mock()
+    path.return_value.open.return_value = Mock(
+        write=Mock(side_effect=[None] * FAULT + [full]), close=Mock(side_effect=full)
+    )
+    whole, _, _ = run_page(monkeypatch)
+    monkeypatch.setattr("controllers.runner.Path", path)
+    robot, runner, error = run_page(monkeypatch)
+    assert error is None
+    assert "No space left on device" in runner.log_error
+    assert runner.stopped == ""
+    assert np.array_equal(robot.torques, whole.torques)
+
+
+def test_without_a_block_the_ramp_is_stepped():
+    runner, reference, torque = started()
+    runner.stop()
+    sent = []
+    while runner.stopping:
+        sent.append(runner.step([0.1, 0.25], reference))
+    assert sent == pytest.approx((1 - 0.1 * np.arange(1, 11))[:, None] * torque)
+    assert runner.stopped == ""
+    with pytest.raises(ValueError, match="send must be given"), runner:
+        pass
 
 
 # The log.
