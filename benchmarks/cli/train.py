@@ -14,6 +14,7 @@ from benchmarks.rl.training_settings import TrainingSettings
 from benchmarks.text import reason_of, say
 from fbl_gym import scenarios
 from fbl_gym.options import SENSORS
+from fbl_gym.reading import read_text
 from fbl_gym.records import declarations
 
 HARDEST = (3,)
@@ -71,6 +72,6 @@ def run(arguments: argparse.Namespace) -> int:
 
 def _hyperparameters(path: Path, algorithm: str) -> Any:
     try:
-        return json.loads(path.read_text(encoding="utf-8"))[algorithm]
+        return json.loads(read_text(path))[algorithm]
     except (ValueError, KeyError, TypeError, RecursionError) as problem:
         raise ValueError(f"{path} must be JSON with an entry {algorithm!r}: {reason_of(problem)}") from None

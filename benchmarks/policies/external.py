@@ -21,6 +21,7 @@ from benchmarks.policies.name import PolicyName
 from controllers import registry
 from controllers.composition import compose
 from fbl_gym.checks import unknown
+from fbl_gym.reading import read_bytes
 
 ATTRIBUTE = "make_policy"
 """The factory in a file or module where no attribute is named."""
@@ -195,6 +196,6 @@ def _beside(path: Path) -> dict[str, Path]:
 def file_digest(path: Path) -> str:
     """Return a hash of a file's bytes; of nothing, where it is gone."""
     try:
-        return hashlib.sha256(path.read_bytes()).hexdigest()
+        return hashlib.sha256(read_bytes(path, 1_000_000_000)).hexdigest()
     except OSError:
         return ""

@@ -7,7 +7,6 @@ has. Torque limits, friction and meshes of the file are not read.
 """
 
 from collections.abc import Iterable
-from pathlib import Path
 from typing import NamedTuple
 from xml.etree import ElementTree
 from xml.etree.ElementTree import Element
@@ -16,6 +15,7 @@ import numpy as np
 
 from fbl_gym.checks import check_choice
 from fbl_gym.model.arm import STANDARD_GRAVITY, ArmParameters, Array
+from fbl_gym.reading import read_bytes
 
 _ON_LINE = 1e-6  # largest distance from a line, as a fraction of the link's length
 
@@ -48,7 +48,7 @@ def load_urdf(path: str, gravity: float = STANDARD_GRAVITY) -> ArmParameters:
     """
     file, named, tip = path.partition(".urdf:")
     try:
-        robot = ElementTree.fromstring(Path(file + ".urdf" if named else path).read_bytes())
+        robot = ElementTree.fromstring(read_bytes(file + ".urdf" if named else path))
         links = {link.attrib["name"]: link for link in robot.findall("link")}
         joints = [_read_joint(joint) for joint in robot.findall("joint")]
         poses, bodies = _bodies(links, joints)

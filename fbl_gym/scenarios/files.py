@@ -24,6 +24,7 @@ from typing import Any
 
 from fbl_gym.checks import unknown
 from fbl_gym.model.arm import ArmParameters
+from fbl_gym.reading import read_text
 from fbl_gym.records import build, merged
 from fbl_gym.scenarios import classes
 from fbl_gym.scenarios.scenario import Scenario, as_arm
@@ -56,9 +57,8 @@ def split(text: str) -> tuple[str, str, str]:
 def read_toml(path: Path) -> dict[str, Any]:
     """Return the content of a TOML file."""
     try:
-        with path.open("rb") as file:
-            return tomllib.load(file)
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError, RecursionError) as problem:
+        return tomllib.loads(read_text(path))
+    except (tomllib.TOMLDecodeError, RecursionError) as problem:
         raise ValueError(f"{path} is no TOML: {problem}") from None
 
 
