@@ -65,7 +65,13 @@ def run(arguments: argparse.Namespace) -> int:
 
     torch.set_num_threads(1)  # small networks learn fastest so
     folder = arguments.out or Path("runs", f"{arguments.algorithm}-{arguments.interface}-{arguments.seed}")
-    train(settings, folder, command_line(), round(40 / len(tasks) ** 0.5))
+    try:
+        train(settings, folder, command_line(), round(40 / len(tasks) ** 0.5))
+    except (ArithmeticError, AttributeError, LookupError, NameError, RuntimeError, TypeError) as problem:
+        if path is None:
+            raise
+        reason = f"{path} must have arguments that fit {arguments.algorithm}: {reason_of(problem)}"  # SB3 checks few
+        raise ValueError(reason) from problem
     say(f"agent: {folder}")
     return 0
 

@@ -275,7 +275,7 @@ def _run_on_cluster(
     """Call a function in Dask's workers. Its scheduler gives the calls of a dead one to another."""
     import distributed
 
-    logging.getLogger("distributed").setLevel(logging.CRITICAL)  # a lost scheduler is one error, below
+    logging.getLogger("distributed.client").setLevel(logging.CRITICAL)  # a lost scheduler is one error, below
     try:
         client = distributed.Client(cluster, set_as_default=False)
     except OSError:

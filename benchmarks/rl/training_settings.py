@@ -86,9 +86,6 @@ def check_hyperparameters(given: Any, most_lanes: int) -> None:
     check_whole("hyperparameters.steps", given["steps"], low=1)
     if "reward" in given:
         build("hyperparameters.reward", given["reward"], Reward)
-    for name in arguments:
-        if name.startswith("_"):  # _init_setup_model
-            raise ValueError(f"hyperparameters.arguments must be public ones of the algorithm's class, got {name!r}")
     check_number("hyperparameters.arguments.learning_rate", arguments["learning_rate"], above=0)
 
 

@@ -22,7 +22,7 @@ from controllers.registry import LawName
 from fbl_gym import Scenario, scenarios
 from fbl_gym.checks import check_choice, check_whole, unknown
 from fbl_gym.reading import read_bytes
-from fbl_gym.records import set_fields
+from fbl_gym.records import naming, set_fields
 from fbl_gym.scenarios import as_scenario
 from fbl_gym.scenarios.classes import CLASSES
 from fbl_gym.scenarios.files import from_table, merged, read_toml
@@ -201,7 +201,8 @@ def with_option(scenario: Scenario, option: str, value: float) -> Scenario:
     for part in reversed(option.split(".")):
         changes = {part: changes}
     name = f"{scenario.name},{option}={value:g}"
-    return Scenario.from_dict({**merged(scenario.to_dict(), changes), "name": name})
+    with naming(changes):
+        return Scenario.from_dict({**merged(scenario.to_dict(), changes), "name": name})
 
 
 PAPER = ("pid-flm", "cascade-flm", "robust-flm", "adaptive-flm")

@@ -25,7 +25,7 @@ from typing import Any
 from fbl_gym.checks import unknown
 from fbl_gym.model.arm import ArmParameters
 from fbl_gym.reading import read_text
-from fbl_gym.records import build, merged
+from fbl_gym.records import build, merged, naming
 from fbl_gym.scenarios import classes
 from fbl_gym.scenarios.scenario import Scenario, as_arm
 
@@ -110,13 +110,14 @@ def from_table(
             if mixed := arm.keys() & {"m1", "m2", "L1", "L2"}:
                 raise ValueError(f"arm must have mass and length, or m1, m2, L1 and L2, got also {min(mixed)}")
             fields["arm"] = dataclasses.asdict(as_arm("arm", arm))
-        if "arm" in fields:
-            given = build("scenario", {"arm": merged(parent.to_dict()["arm"], fields["arm"])}, Scenario).arm
-            for doubt in _doubts(given):  # before an error that follows from the mistake
-                warnings.warn(f"{path or 'arm'}: {doubt}", UnitsWarning, stacklevel=2)
-            parent = classes.get(str(base), given) if base in classes.MEMBERS else parent
-        fields.setdefault("description", f"{parent.name} with other options")
-        return build("scenario", merged(parent.to_dict(), fields), Scenario)
+        with naming(fields):
+            if "arm" in fields:
+                given = build("scenario", {"arm": merged(parent.to_dict()["arm"], fields["arm"])}, Scenario).arm
+                for doubt in _doubts(given):  # before an error that follows from the mistake
+                    warnings.warn(f"{path or 'arm'}: {doubt}", UnitsWarning, stacklevel=2)
+                parent = classes.get(str(base), given) if base in classes.MEMBERS else parent
+            fields.setdefault("description", f"{parent.name} with other options")
+            return build("scenario", merged(parent.to_dict(), fields), Scenario)
     except ValueError as problem:
         raise ValueError(f"{path}: {str(problem).removeprefix('scenario: ')}" if path else str(problem)) from None
 
