@@ -34,7 +34,7 @@ def over(text: str) -> tuple[str, str, list[float]]:
             points = {"log": lambda: np.geomspace(*ends), "lin": lambda: np.linspace(*ends)}[scale]().tolist()
         else:
             scale, points = "lin", [float(value) for value in values.split(",")]
-    except (ValueError, KeyError, argparse.ArgumentTypeError):
+    except (ValueError, KeyError):
         raise argparse.ArgumentTypeError(
             f"must be such as noise.position=1e-4:1e-2:log:9, actuator.delay=0:0.03:lin:4 or arm.m2=2,4,6, got {text!r}"
         ) from None

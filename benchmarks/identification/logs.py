@@ -94,9 +94,10 @@ def columns(texts: Iterable[str]) -> dict[str, tuple[str, ...]]:
 
 def _numbers(path: Path, mapping: Mapping[str, tuple[str, ...]]) -> dict[str, Array]:
     """Return the signals of a file, [n x number of columns]."""
+    content = io.StringIO(read_text(path))
     try:
         with warnings.catch_warnings(action="error"):  # an empty file, or numbers of columns that differ
-            table = np.genfromtxt(io.StringIO(read_text(path)), delimiter=",", names=True, deletechars="")
+            table = np.genfromtxt(content, delimiter=",", names=True, deletechars="")
     except (ValueError, UserWarning) as problem:
         raise ValueError(f"{path} must be a table with a header and equal lines: {problem}") from None
     header = table.dtype.names or ()

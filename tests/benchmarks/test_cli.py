@@ -61,7 +61,7 @@ from benchmarks.run.suite import load
         ("identify --validate none.csv", "No such file or directory: none.csv"),
         ("show ''", "unknown scenario ''"),
         ("leaderboard --suite lists.toml", "policies of lists.toml must be a list of names, got []"),
-        ("sweep zero --over noise.position=1:2:log:10001", "must be such as noise.position=1e-4:1e-2:log:9"),
+        ("sweep zero --over noise.position=1:2:log:10001", "must be at most 10000, got '10001'"),
         (
             "sweep zero --over arm.m1=1:2:lin:999 --over arm.m2=1:2:lin:999",
             "at most 100000 cells, policies times values",
@@ -213,7 +213,7 @@ def test_no_name_controls_the_terminal(folder, capsys):
             cli.main(shlex.split(line))
         shown = "".join(capsys.readouterr())
         assert "\x1b" not in shown
-        assert "\\u001b[" in shown
+        assert "\\u001b[" in shown or "\\x1b[" in shown  # the latter in quotes
     for file in folder.rglob("*"):
         assert file.suffix not in (".csv", ".html", ".json", ".md", ".tex") or b"\x1b" not in file.read_bytes()
 

@@ -245,7 +245,7 @@ def test_options_reach_the_agent(short, fbl_gym):
     assert description["scenario"]["name"] == "mixed-error-1"
 
 
-@pytest.mark.parametrize("argument", [{"_init_setup_model": False}, {"gamma": "x"}, {"n_epochs": 0}])
+@pytest.mark.parametrize("argument", [{"_init_setup_model": False}, {"gamma": "x"}, {"n_epochs": "a"}])
 def test_an_argument_that_fails_in_training_is_one_sentence(argument, short, fbl_gym):
     given = json.loads((short / "short.json").read_text())
     given["ppo"]["arguments"] |= argument
