@@ -6,11 +6,15 @@ import uuid
 from collections.abc import Iterator
 from pathlib import Path
 
+from benchmarks.text import visible
+
 
 @contextlib.contextmanager
 def replacing(path: Path) -> Iterator[Path]:
     """Yield a place to write a file to. The file is renamed to its path if the block succeeds."""
-    path.parent.mkdir(parents=True, exist_ok=True)
+    for folder in reversed(path.parents):  # one by one, since `parents=True` ends at a thousand
+        if not folder.exists():
+            folder.mkdir(exist_ok=True)
     beside = path.with_name(f".unfinished-{uuid.uuid4().hex}{path.suffix[:20]}")
     try:
         yield beside
@@ -22,6 +26,6 @@ def replacing(path: Path) -> Iterator[Path]:
 
 
 def write_text(path: Path, text: str) -> None:
-    """Write a text file as UTF-8. A character that UTF-8 lacks is written as its escape."""
+    """Write a text file as UTF-8. Control characters, and those that UTF-8 lacks, are escapes."""
     with replacing(path) as beside:
-        beside.write_text(text, encoding="utf-8", errors="backslashreplace", newline="\n")
+        beside.write_text(visible(text), encoding="utf-8", errors="backslashreplace", newline="\n")

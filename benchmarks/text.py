@@ -2,12 +2,16 @@
 
 from typing import TextIO
 
-ESCAPES = {code: f"\\x{code:02x}" for code in (*range(32), *range(127, 160)) if chr(code) not in "\t\n"}
-"""Escapes of control characters, for `str.translate`."""
+_CONTROL = (*range(32), *range(127, 160), 0x61C, 0x200E, 0x200F, *range(0x2028, 0x202F), *range(0x2066, 0x206A))
+ESCAPES = {code: f"\\u{code:04x}" for code in _CONTROL if chr(code) not in "\t\n"}
+"""Escapes of control characters and of those that turn the order of text, for `str.translate`.
+
+JSON, TOML, Python and JavaScript read them as the same characters.
+"""
 
 
 def visible(text: str) -> str:
-    """Return text in which every control character but tab and newline is visible."""
+    """Return text in which every control character but tab and newline is visible as an escape."""
     return text.translate(ESCAPES)
 
 

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from controllers.composition import PARTS
+from fbl_gym.reading import read_bytes
 from fbl_gym.scenarios.classes import CLASSES
 
 TUNINGS = ("tuned", *CLASSES)
@@ -84,7 +85,7 @@ def read_gains(law: str, given: tuple[str, ...]) -> dict[str, Any]:
             continue
         path = stored_gains(law, text)
         try:
-            data = json.loads(path.read_text(encoding="utf-8"))
+            data = json.loads(read_bytes(path))
             values = {
                 name: np.array(value) if isinstance(value, list) else float(value)
                 for name, value in data.get("gains", data).items()

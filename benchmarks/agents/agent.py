@@ -7,6 +7,7 @@ names) has its network in single precision. Both are plain data: reading them ru
 from __future__ import annotations
 
 import contextlib
+import io
 import json
 import zipfile
 import zlib
@@ -25,6 +26,8 @@ from benchmarks.files import replacing, write_text
 from controllers.base import State, TorqueLaw
 from fbl_gym.interface import Interface
 from fbl_gym.model.arm import Array
+from fbl_gym.reading import LARGEST, read_bytes
+from fbl_gym.records.checks import check_whole
 
 DESCRIPTION, WEIGHTS = "agent.json", "weights.npz"
 _MALFORMED = (
@@ -91,7 +94,7 @@ def describe(folder: Path) -> dict[str, Any]:
     if not path.exists():
         raise ValueError(f"folder must hold an agent.json, as `fbl-gym train` writes it, got {str(folder)!r}")
     with _reading(path):
-        description: dict[str, Any] = {"weights": WEIGHTS, **json.loads(path.read_text(encoding="utf-8"))}
+        description: dict[str, Any] = {"weights": WEIGHTS, **json.loads(read_bytes(path))}
         _ = description["interface"].items(), (folder / description["weights"]).resolve()
     return description
 
@@ -115,11 +118,14 @@ def read(folder: Path) -> tuple[AdapterSettings, Actor]:
     """Return the adapter's settings and the network of the agent in a folder."""
     description = describe(folder)
     weights = folder / description["weights"]
-    with _reading(weights), weights.open("rb") as stream, np.load(stream, allow_pickle=False) as file:
+    with _reading(weights), np.load(io.BytesIO(read_bytes(weights)), allow_pickle=False) as file:
+        if (size := sum(part.file_size for part in file.zip.infolist())) > LARGEST:
+            raise ValueError(f"its arrays must have at most {LARGEST} bytes, got {size}")
         arrays = {name: file[name].astype(float) for name in file}
     with _reading(folder / DESCRIPTION):
         network = description["network"]
-        layers = tuple((arrays[f"weight_{i}"], arrays[f"bias_{i}"]) for i in range(network["layers"]))
+        number = check_whole("layers", network["layers"], low=1)
+        layers = tuple((arrays[f"weight_{i}"], arrays[f"bias_{i}"]) for i in range(number))
         return settings_of(folder), Actor(layers, network["activation"], network["output"])
 
 

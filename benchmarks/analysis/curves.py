@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -12,6 +13,7 @@ from benchmarks.analysis.statistics import Estimate, geometric_mean, interval, r
 from benchmarks.run.suite import training
 from benchmarks.text import reason_of
 from fbl_gym.model.arm import Array
+from fbl_gym.reading import read_text
 
 
 @dataclass(frozen=True)
@@ -52,7 +54,9 @@ def read_groups(folders: Sequence[Path]) -> tuple[Group, ...]:
     for folder in folders:
         try:
             settings, seed = training(folder)
-            table = np.atleast_1d(np.genfromtxt(folder / "curve.csv", delimiter=",", names=True))
+            table = np.atleast_1d(
+                np.genfromtxt(io.StringIO(read_text(folder / "curve.csv")), delimiter=",", names=True)
+            )
             run = {name: table[name] for name in ("steps", "cpu_s", "validation_mrad")}
         except (OSError, ValueError, KeyError, TypeError, AttributeError) as problem:
             raise ValueError(

@@ -23,18 +23,17 @@ from fbl_gym import Scenario, scenarios
 # Types of arguments: functions of the text that was typed.
 
 
-def count(text: str) -> int:
-    """Return a whole number, 1 or more."""
-    if not text.isdigit() or int(text) < 1:
+def count(text: str, most: int = 1_000_000, why: str = "") -> int:
+    """Return a whole number, from 1 to `most`; `why` explains the latter."""
+    if not text.isdecimal() or int(text[:20]) < 1:
         raise argparse.ArgumentTypeError(f"must be a whole number, 1 or more, got {text!r}")
+    if int(text[:20]) > most:
+        raise argparse.ArgumentTypeError(f"must be at most {most}{why}, got {text!r}")
     return int(text)
 
 
-def episodes(text: str) -> int:
-    """Return a number of test seeds."""
-    if (number := count(text)) > (most := len(SPLITS["test"])):
-        raise argparse.ArgumentTypeError(f"must be at most {most}, the test seeds there are, got {text!r}")
-    return number
+episodes = partial(count, most=len(SPLITS["test"]), why=", the test seeds there are")
+"""Return a number of test seeds."""
 
 
 def file_path(text: str, endings: Sequence[str]) -> Path:
@@ -42,6 +41,8 @@ def file_path(text: str, endings: Sequence[str]) -> Path:
     path = Path(text)
     if path.suffix not in endings:
         raise argparse.ArgumentTypeError(f"must end in {' or '.join(endings)}, got {text!r}")
+    if path.is_dir():
+        raise argparse.ArgumentTypeError(f"must be a file, got {text!r}, which is a folder")
     folder = next(parent for parent in path.absolute().parents if parent.exists())
     if not (folder.is_dir() and os.access(folder, os.W_OK)):
         raise argparse.ArgumentTypeError(f"must be a file that can be written, got {text!r}: none can be in {folder}")
@@ -97,12 +98,16 @@ def add_run(parser: argparse.ArgumentParser, seeds: int | None = None) -> None:
     """Add the arguments of a run of cells; the number of seeds too, where there is a default."""
     if seeds is not None:
         add_option(parser, "--seeds", episodes, seeds, "N", "test seeds 0 to N-1")
-    cores = os.cpu_count() or 1
-    parser.add_argument("--workers", type=count, default=cores, metavar="N", help="processes (one per core)")
+    add_workers(parser, os.cpu_count() or 1, "processes (one per core)")
     scheduler = "run on the workers of a Dask scheduler, such as tcp://10.0.0.1:8786 (extra: cluster)"
     parser.add_argument("--cluster", default="", metavar="ADDRESS", help=scheduler)
     add_trust(parser)
     add_store(parser)
+
+
+def add_workers(parser: argparse.ArgumentParser, default: int, meaning: str) -> None:
+    most = partial(count, most=max(64, 4 * (os.cpu_count() or 1)), why=", four for each core")
+    parser.add_argument("--workers", type=most, default=default, metavar="N", help=meaning)
 
 
 def add_store(parser: argparse.ArgumentParser) -> None:

@@ -54,6 +54,7 @@ def run(arguments: argparse.Namespace) -> int:
     runs, judged = [read(path) for path in arguments.logs], [read(path) for path in arguments.validate]
     for log in (*runs, *judged):
         screen.say(f"{log.name}: " + "\n    ".join(log.remarks))
+    logs.refuse_twice(runs)
     parameters = parameters_of(start)
     if runs:
         with Progress(console=Screen(stderr=True)) as progress:

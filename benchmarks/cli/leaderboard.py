@@ -1,6 +1,7 @@
 """The command `fbl-gym leaderboard`."""
 
 import argparse
+import sys
 from collections.abc import Sequence
 
 from benchmarks.analysis.board import Board, assemble
@@ -87,7 +88,9 @@ def run(arguments: argparse.Namespace) -> int:
             write_board(arguments.tex, boards[suites[0].name], command_line())
             say(f"table: {arguments.tex}")
         say(f"results: {arguments.store}; a page of them: fbl-gym report, with the same arguments")
-    return 1 if any(counts(result.error) for result in results) else 0
+    else:
+        say(f"fbl-gym: no cell has a result; {results[0].cell.id} failed: {results[0].error}", sys.stderr)
+    return 1 if any(counts(result.error) for result in results) or not any(result.rows for result in results) else 0
 
 
 def boards_of(suites: Sequence[Suite], store: Store) -> dict[str, Board]:

@@ -40,11 +40,13 @@ def run(arguments: argparse.Namespace) -> int:
         ))  # fmt: skip
     screen = Screen()
     header = ("policy", "gain margin", "phase margin", "delay margin", "peak of S", "peak of T")
-    screen.print(table(title, header, rows))
+    if rows:
+        screen.print(table(title, header, rows))
     for reason in reasons:
         screen.say(reason)
-    screen.say("Gain, phase and peaks: the worse joint, cut at its torque. Delay: of both torques.")
-    return 0
+    if rows:
+        screen.say("Gain, phase and peaks: the worse joint, cut at its torque. Delay: of both torques.")
+    return 0 if rows else 1
 
 
 def _margins(policy: PolicySpec, scenario: Scenario, at: Pair, seed: int) -> dict[str, Any]:

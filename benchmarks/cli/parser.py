@@ -74,11 +74,16 @@ EXTRAS: dict[str, tuple[str, ...]] = {
 def main(argv: Sequence[str] | None = None) -> int:
     """Run a command and return the exit status."""
     given = list(sys.argv[1:] if argv is None else argv)
+    for name in ("stdin", "stdout", "stderr"):
+        if getattr(sys, name) is None:  # closed before this process began
+            setattr(sys, name, os.fdopen(os.open(os.devnull, os.O_RDWR), "w"))
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, io.TextIOWrapper):
             stream.reconfigure(errors="backslashreplace")  # a name may have any character
     plain, warnings.formatwarning = warnings.formatwarning, _warning  # type: ignore[assignment]
     try:
+        if os.environ.get("NUMBA_DISABLE_JIT", "0") not in ("", "0"):
+            raise ValueError("NUMBA_DISABLE_JIT must be unset: fbl-gym's compiled functions have no other form")
         if not given or given[0].startswith("-"):
             _overview().parse_args(given or ["--help"])
             return 0
@@ -120,7 +125,7 @@ def _reason(problem: Exception) -> str:
     if isinstance(problem, MemoryError):
         return f"not enough memory: {problem}"
     if isinstance(problem, OSError) and problem.filename:
-        return f"{problem.strerror}: {problem.filename}"
+        return f"{problem.strerror}: {problem.filename2 or problem.filename}"
     if isinstance(problem, ModuleNotFoundError):
         package = (problem.name or "").partition(".")[0]
         extra = next((extra for extra, packages in EXTRAS.items() if package in packages), None)

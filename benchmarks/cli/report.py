@@ -13,6 +13,7 @@ from benchmarks.report.page import write_page
 from benchmarks.report.plot import plot_scores
 from benchmarks.run.store import Store
 from benchmarks.text import say
+from fbl_gym.reading import read_text
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -44,7 +45,7 @@ def run(arguments: argparse.Namespace) -> int:
                 "fbl-gym: the report is incomplete, see above; `fbl-gym leaderboard` computes the rest", file=sys.stderr
             )
     if arguments.readme is not None:
-        text = arguments.readme.read_text(encoding="utf-8")
+        text = read_text(arguments.readme)
         write_text(arguments.readme, markdown.replace_between(text, markdown.over_boards(boards, short=True)))
         docs = arguments.readme.parent / "docs"
         write_text(docs / "results" / "board.md", markdown.board_page(boards))

@@ -32,7 +32,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Print the options of a scenario, or the differences of two, and what follows from them."""
-    tasks = [scenarios.get(name) for name in (arguments.scenario, arguments.other) if name]
+    tasks = [scenarios.get(name) for name in (arguments.scenario, arguments.other) if name is not None]
     console, header = Console(), [task.name for task in tasks]
     derived = [follows(task) for task in tasks]
     for title, columns in (("option", [dict(options(task)) for task in tasks]), ("what follows", derived)):

@@ -2,6 +2,7 @@
 
 import argparse
 import itertools
+import math
 import sys
 from pathlib import Path
 
@@ -19,6 +20,9 @@ from benchmarks.run.suite import Suite, with_option
 from benchmarks.text import say
 from fbl_gym import scenarios
 
+MOST_CELLS = 100_000
+"""Most cells of a sweep."""
+
 
 def over(text: str) -> tuple[str, str, list[float]]:
     """Return an option's path, the scale of its axis and its values; an argument's type."""
@@ -26,11 +30,11 @@ def over(text: str) -> tuple[str, str, list[float]]:
     try:
         if ":" in values:
             low, high, scale, number = values.split(":")
-            ends = float(low), float(high), common.count(number)
+            ends = float(low), float(high), common.count(number, 10_000)
             points = {"log": lambda: np.geomspace(*ends), "lin": lambda: np.linspace(*ends)}[scale]().tolist()
         else:
             scale, points = "lin", [float(value) for value in values.split(",")]
-    except (ValueError, KeyError, argparse.ArgumentTypeError):
+    except (ValueError, KeyError):
         raise argparse.ArgumentTypeError(
             f"must be such as noise.position=1e-4:1e-2:log:9, actuator.delay=0:0.03:lin:4 or arm.m2=2,4,6, got {text!r}"
         ) from None
@@ -59,6 +63,8 @@ def run(arguments: argparse.Namespace) -> int:
     names, scales, values = zip(*arguments.over, strict=True)
     if any(f"{one}.".startswith(f"{other}.") for one, other in itertools.permutations(names, 2)):
         raise ValueError(f"--over must name options that are no part of each other, got {' '.join(names)}")
+    if (size := math.prod(map(len, values)) * len(arguments.policies)) > MOST_CELLS:
+        raise ValueError(f"--over must give at most {MOST_CELLS} cells, policies times values, got {size}")
     points = list(itertools.product(*values))
     tasks = []
     for point in points:

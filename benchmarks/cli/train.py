@@ -14,6 +14,7 @@ from benchmarks.text import reason_of, say
 from benchmarks.training.training_settings import TrainingSettings
 from fbl_gym import scenarios
 from fbl_gym.options import SENSORS
+from fbl_gym.reading import read_text
 from fbl_gym.records.record import declarations
 
 HARDEST = (3,)
@@ -64,13 +65,19 @@ def run(arguments: argparse.Namespace) -> int:
 
     torch.set_num_threads(1)  # small networks learn fastest so
     folder = arguments.out or Path("runs", f"{arguments.algorithm}-{arguments.interface}-{arguments.seed}")
-    train(settings, folder, command_line(), round(40 / len(tasks) ** 0.5))
+    try:
+        train(settings, folder, command_line(), round(40 / len(tasks) ** 0.5))
+    except (ArithmeticError, AttributeError, LookupError, NameError, RuntimeError, TypeError) as problem:
+        if path is None:
+            raise
+        reason = f"{path} must have arguments that fit {arguments.algorithm}: {reason_of(problem)}"  # SB3 checks few
+        raise ValueError(reason) from problem
     say(f"agent: {folder}")
     return 0
 
 
 def _hyperparameters(path: Path, algorithm: str) -> Any:
     try:
-        return json.loads(path.read_text(encoding="utf-8"))[algorithm]
+        return json.loads(read_text(path))[algorithm]
     except (ValueError, KeyError, TypeError, RecursionError) as problem:
         raise ValueError(f"{path} must be JSON with an entry {algorithm!r}: {reason_of(problem)}") from None

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from benchmarks.cli.common import add_option, add_policies, command_line, count, refuse_judged
+from benchmarks.cli.common import add_option, add_policies, add_workers, command_line, count, refuse_judged
 from benchmarks.policies.isolation import Failed, run_parallel
 from benchmarks.policies.spec import resolve
 from benchmarks.run.suite import distinguish, expand
@@ -31,7 +31,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--class", dest="robot", choices=tuple(CLASSES), default="servo", help=practice)
     shared = "database of the studies, as for Optuna, which processes and machines may share"
     add_option(parser, "--storage", str, search.STORAGE, "URL", shared)
-    add_option(parser, "--workers", count, 1, "N", "processes, a policy each")
+    add_workers(parser, 1, "processes, a policy each (1)")
     target = parser.add_mutually_exclusive_group()
     out = "folder for the gains, which POLICY@DIR then names (results/gains)"
     target.add_argument("--out", type=Path, default=Path("results/gains"), metavar="DIR", help=out)

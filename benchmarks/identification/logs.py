@@ -1,5 +1,7 @@
 """Logs of robots: CSV files, at a constant rate after reading."""
 
+import io
+import itertools
 import warnings
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
@@ -9,6 +11,7 @@ import numpy as np
 from scipy.signal import savgol_filter
 
 from fbl_gym.model.arm import Array
+from fbl_gym.reading import read_text
 from fbl_gym.records.checks import unknown
 
 COLUMNS = {
@@ -30,6 +33,9 @@ STEP = 0.004
 
 MAX_GAP = 10.0
 """Longest interval between two samples, in median intervals."""
+
+FASTEST, SLOWEST = 1e-5, 0.1
+"""Shortest and longest median interval between two samples [s]; others are of another unit."""
 
 MAX_SPEED = 100.0
 """Fastest motion between two samples; a faster one is a jump of the reading [rad/s]."""
@@ -56,6 +62,7 @@ class Log:
         difference: samples between the two positions whose difference is the logged velocity; 0: it
             is none.
         sample: median time between two samples of the file [s].
+        rows: positions and torques of the file's different samples, as bytes.
         remarks: what was found, one line each.
     """
 
@@ -67,6 +74,7 @@ class Log:
     counts: Array
     difference: int
     sample: float
+    rows: frozenset[bytes]
     remarks: tuple[str, ...]
 
 
@@ -86,9 +94,10 @@ def columns(texts: Iterable[str]) -> dict[str, tuple[str, ...]]:
 
 def _numbers(path: Path, mapping: Mapping[str, tuple[str, ...]]) -> dict[str, Array]:
     """Return the signals of a file, [n x number of columns]."""
+    content = io.StringIO(read_text(path))
     try:
         with warnings.catch_warnings(action="error"):  # an empty file, or numbers of columns that differ
-            table = np.genfromtxt(path, delimiter=",", names=True, deletechars="", encoding="utf-8")
+            table = np.genfromtxt(content, delimiter=",", names=True, deletechars="")
     except (ValueError, UserWarning) as problem:
         raise ValueError(f"{path} must be a table with a header and equal lines: {problem}") from None
     header = table.dtype.names or ()
@@ -127,6 +136,8 @@ def read(
     if (steps <= 0).any():
         raise ValueError(f"{path}: time must increase, but does not after {time[:-1][steps <= 0][0]:g} s")
     sample, most = float(np.median(steps)), float(steps.max())
+    if not FASTEST <= sample <= SLOWEST:
+        raise ValueError(f"{path}: time must be in s, {FASTEST:g} to {SLOWEST:g} s a sample, got {sample:g}")
     if most > MAX_GAP * sample:
         raise ValueError(
             f"{path} has a gap of {most:.3g} s after {time[steps.argmax()]:g} s: cut it there into two logs"
@@ -160,7 +171,15 @@ def read(
         f"commands up to {peak[0]:.3g} and {peak[1]:.3g} N m, "
         f"{full[0]} and {full[1]} samples of them at that value" + (", perhaps a limit" if full.max() > 20 else ""),
     )
-    return Log(path.name, dt, even, states, held, counts, difference, sample, remarks)
+    rows = frozenset(row.tobytes() for row in np.hstack([position, torque]))
+    return Log(path.name, dt, even, states, held, counts, difference, sample, rows, remarks)
+
+
+def refuse_twice(logs: Iterable[Log]) -> None:
+    """Raise an error if two logs share most of their samples, which would narrow all intervals."""
+    for one, other in itertools.combinations(logs, 2):
+        if 2 * len(one.rows & other.rows) > min(len(one.rows), len(other.rows)):
+            raise ValueError(f"each log must be given once, but {one.name} and {other.name} have the same samples")
 
 
 def _at(times: Array, time: Array, signal: Array) -> Array:

@@ -20,6 +20,7 @@ from benchmarks.policies.digest import PACKAGES, closure
 from benchmarks.policies.name import PolicyName
 from controllers import registry
 from controllers.composition import compose
+from fbl_gym.reading import read_bytes
 from fbl_gym.records.checks import unknown
 
 ATTRIBUTE = "make_policy"
@@ -195,6 +196,6 @@ def _beside(path: Path) -> dict[str, Path]:
 def file_digest(path: Path) -> str:
     """Return a hash of a file's bytes; of nothing, where it is gone."""
     try:
-        return hashlib.sha256(path.read_bytes()).hexdigest()
+        return hashlib.sha256(read_bytes(path, 1_000_000_000)).hexdigest()
     except OSError:
         return ""

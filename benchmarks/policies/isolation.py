@@ -13,10 +13,10 @@ takes a hundredth of the time of a start from nothing.
 
 import atexit
 import contextlib
+import logging
 import multiprocessing
 import os
 import pickle
-import random
 import signal
 import socket
 import subprocess
@@ -30,16 +30,12 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import IO, Any, TypeVar
 
-import numpy as np
-
-from benchmarks.text import reason_of, text_of
+from benchmarks.text import reason_of, say
 from fbl_gym.records.checks import check_number
 from fbl_gym.records.record import set_fields
 
-try:
-    import resource
-except ImportError:  # Windows
-    resource = None  # type: ignore[assignment]
+MOST_PRINTED = 20_000
+"""Bytes of a call's prints that are shown, when it has ended."""
 
 Answer = TypeVar("Answer")
 Item = TypeVar("Item")
@@ -80,11 +76,16 @@ def run_isolated(function: Callable[..., Answer], *arguments: Any, limits: CallL
     """
     limits = limits or CallLimits()
     # A file has no reader that waits for its end, which a process of the policy may hold open.
-    with tempfile.TemporaryFile() as request, tempfile.TemporaryFile() as answer:
+    with tempfile.TemporaryFile() as request, tempfile.TemporaryFile() as answer, tempfile.TemporaryFile() as prints:
         pickle.dump((os.getcwd(), dict(os.environ), _search_path(), limits), request)
         pickle.dump((function, arguments), request)
         request.seek(0)
-        status = _call(function.__module__, request, answer, limits.seconds)
+        try:
+            status = _call(function.__module__, (request, answer, prints), limits.seconds)
+        finally:
+            prints.seek(0)
+            if text := prints.read(MOST_PRINTED):
+                say(text.decode(errors="replace") + " ..." * bool(prints.read(1)), sys.stderr)
         if not answer.seek(0, os.SEEK_END):
             raise Failed(f"its process died, with exit status {status}")
         answer.seek(0)
@@ -113,27 +114,39 @@ _ARRAYS = {
 }  # fmt: skip
 
 
-def _call(module: str, request: IO[bytes], answer: IO[bytes], seconds: float) -> int:
-    """Run a call of a module's function in a new process; return the process's exit status."""
+def _call(module: str, files: Sequence[IO[bytes]], seconds: float) -> int:
+    """Run a call of a module's function in a new process; return the process's exit status.
+
+    The files are for its request, its answer and its prints.
+    """
     late = Failed(f"it took longer than {seconds:g} s, see leaderboard --cell-timeout")
     if os.name != "posix":
+        request, answer, prints = files
         try:
-            return subprocess.run(_command(""), stdin=request, stdout=answer, timeout=seconds, check=False).returncode
+            return subprocess.run(
+                _command(""), stdin=request, stdout=answer, stderr=prints, timeout=seconds, check=False
+            ).returncode
         except subprocess.TimeoutExpired:
             raise late from None
     with _SERVING:
         server, process = _server()
+        call, status = 0, b""
         try:
+            server.settimeout(LONGEST_START)
+            socket.send_fds(server, [module.encode()], [file.fileno() for file in files])
+            call = int.from_bytes(server.recv(4), "little")
             server.settimeout(min(seconds, 1e6))
-            socket.send_fds(server, [module.encode()], [request.fileno(), answer.fileno()])
             status = server.recv(4)
-        except BaseException as problem:  # also Ctrl-C
-            _end(server, process)
-            raise (late if isinstance(problem, TimeoutError) else problem) from None
-        if not status:
-            _end(server, process)
+        except TimeoutError:
+            raise late from None
+        finally:  # also after Ctrl-C
+            if not status:
+                _end(server, process, call)
         return int.from_bytes(status, "little")
 
+
+LONGEST_START = 600.0
+"""Longest time until the server begins a call [s]: it may have to compile the kernel."""
 
 _SERVING = threading.Lock()
 _SERVERS: dict[int, tuple[socket.socket, "subprocess.Popen[bytes]"]] = {}
@@ -142,7 +155,7 @@ _SERVERS: dict[int, tuple[socket.socket, "subprocess.Popen[bytes]"]] = {}
 
 def _server() -> tuple[socket.socket, "subprocess.Popen[bytes]"]:
     """Return the connection to the server, which is started with the first call, and the server."""
-    if os.getpid() not in _SERVERS:
+    if os.getpid() not in _SERVERS or _SERVERS[os.getpid()][1].poll() is not None:
         ours, its = socket.socketpair()
         with its:
             one = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"), "1")  # threads do not survive a fork
@@ -155,11 +168,23 @@ def _server() -> tuple[socket.socket, "subprocess.Popen[bytes]"]:
     return _SERVERS[os.getpid()]
 
 
-def _end(server: socket.socket, process: "subprocess.Popen[bytes]") -> None:
-    """End a server, which ends its call."""
+def _end(server: socket.socket, process: "subprocess.Popen[bytes]", call: int = 0) -> None:
+    """End a server and its call. A policy may have stopped or killed the server."""
     server.close()
+    if call:
+        end_group(call)
     if _SERVERS.pop(os.getpid(), None):
-        process.wait()
+        try:
+            process.wait(2.0)  # it ends a call that has not begun
+        except subprocess.TimeoutExpired:
+            process.kill()
+            process.wait()
+
+
+def end_group(number: int) -> None:
+    """Kill all processes of a group."""
+    with contextlib.suppress(ProcessLookupError):
+        os.killpg(number, signal.SIGKILL)
 
 
 def _command(argument: str) -> list[str]:
@@ -174,36 +199,6 @@ def _search_path() -> list[str]:
     library, site = os.path.dirname(os.__file__), ("site-packages", "dist-packages")
     standard = [folder for folder in sys.path if folder.startswith(library) and not folder.endswith(site)]
     return [*standard, *(folder for folder in sys.path if folder and folder not in standard)]
-
-
-def serve(request_file: int, answer_file: int) -> None:
-    """Answer the request in a file, and end this process.
-
-    Args:
-        request_file: descriptor of a file to be read.
-        answer_file: descriptor of a file to be written.
-    """
-    request, answer = os.fdopen(os.dup(request_file), "rb"), os.fdopen(os.dup(answer_file), "wb")
-    # A policy may read and print.
-    os.dup2(os.open(os.devnull, os.O_RDONLY), 0)
-    os.dup2(2, 1)
-    random.seed()
-    np.random.seed()  # noqa: NPY002  a policy may use it, and all calls of the server share its state
-    try:
-        folder, variables, path, limits = pickle.load(request)
-        os.environ.update(variables)
-        sys.path[:] = path
-        os.chdir(folder)  # the policy may be named by a relative path
-        function, arguments = pickle.load(request)
-        if limits.gigabytes is not None:
-            resource.setrlimit(resource.RLIMIT_DATA, (int(1e9 * limits.gigabytes),) * 2)
-        reply = pickle.dumps((None, False, function(*arguments)))
-    except BaseException as problem:
-        text = text_of(problem) if isinstance(problem, ValueError | Failed) else reason_of(problem)
-        reply = pickle.dumps((text, isinstance(problem, ValueError), None))
-    answer.write(reply)
-    answer.flush()
-    os._exit(0)  # whatever threads the policy has started
 
 
 def run_parallel(
@@ -280,8 +275,26 @@ def _run_on_cluster(
     """Call a function in Dask's workers. Its scheduler gives the calls of a dead one to another."""
     import distributed
 
-    with distributed.Client(cluster, set_as_default=False) as client:
-        futures = {client.submit(function, item, pure=False): item for item in items}
-        for future in distributed.as_completed(futures, loop=client.loop):
-            item = futures[future]
-            yield item, Failed(reason_of(future.exception())) if future.status == "error" else future.result()
+    logging.getLogger("distributed.client").setLevel(logging.CRITICAL)  # a lost scheduler is one error, below
+    try:
+        client = distributed.Client(cluster, set_as_default=False)
+    except OSError:
+        raise Failed(f"no Dask scheduler answers at {cluster}") from None
+    with client:
+        items_of = {client.submit(function, item, pure=False): item for item in items}
+        while items_of:
+            with contextlib.suppress(TimeoutError):
+                for future in distributed.as_completed([*items_of], loop=client.loop, timeout=PATIENCE):
+                    item = items_of.pop(future)
+                    if future.status == "error":
+                        yield item, Failed(reason_of(future.exception()))
+                    elif future.status == "finished":
+                        yield item, future.result()
+                    else:
+                        raise Failed(f"the Dask scheduler at {cluster} ended; the same command goes on")
+            if items_of and not client.scheduler_info()["workers"]:
+                say(f"fbl-gym: waiting for a worker of the Dask scheduler at {cluster}", sys.stderr)
+
+
+PATIENCE = 10.0
+"""Time between two looks at the workers of a cluster [s]."""

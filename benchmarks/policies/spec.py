@@ -32,7 +32,7 @@ from controllers.registry import KINDS, is_composed
 from fbl_gym import scenarios
 from fbl_gym.envs.vector_env import TwoLinkArmVectorEnv
 from fbl_gym.interface import Interface
-from fbl_gym.records.checks import check_choice, unknown
+from fbl_gym.records.checks import check_choice, check_number, unknown
 
 RESULTS = ("benchmarks.run.metrics", "benchmarks.run.rollout", "controllers.composition")
 """Modules that every result depends on, the kernel among what they import.
@@ -312,7 +312,7 @@ def _declared(spec: PolicySpec, factory: Callable[..., Any], folder: Path) -> Po
             access=controllers.access(name or factory),
             needs=tuple(lists["needs"]),
             packages=tuple(lists["packages"]),
-            preview=float(getattr(factory, "preview", 0.0)),
+            preview=check_number(f"preview of {spec.name}", getattr(factory, "preview", 0.0), low=0, high=100),
             tuning="trained" if kind == "learned" else "given gains" if parsed.gains else tuning,
             summary=controllers.summary(name) if name else (factory.__doc__ or "").strip().partition("\n")[0],
             uses=_uses(parsed, factory),

@@ -8,6 +8,7 @@ from typing import Any, TypeAlias
 from benchmarks.files import replacing
 from benchmarks.run.metrics import METRICS
 from benchmarks.run.store import Result
+from benchmarks.text import visible
 
 Runs: TypeAlias = tuple[Sequence[Any], Sequence[int], Sequence[Mapping[str, float]]]
 """The runs of a cell: values of its columns, seeds, and metrics of each seed; none if it failed."""
@@ -26,7 +27,14 @@ def write_runs(path: Path, columns: Sequence[str], cells: Iterable[Runs]) -> Non
         writer.writerow([*columns, "seed", *METRICS])
         for values, seeds, rows in cells:
             for seed, row in zip(seeds, rows, strict=False):
-                writer.writerow([*values, seed, *(f"{row[name]:.7g}" for name in METRICS)])
+                writer.writerow([*map(_cell, values), seed, *(f"{row[name]:.7g}" for name in METRICS)])
+
+
+def _cell(value: Any) -> Any:
+    """Return a value; a name without control characters, and one that no spreadsheet computes."""
+    if not isinstance(value, str):
+        return value
+    return "'" * value.lstrip().startswith(("=", "+", "-", "@")) + visible(value)
 
 
 def write_csv(path: Path, results: Sequence[Result]) -> None:

@@ -14,6 +14,7 @@ import math
 import os
 import platform
 import re
+import uuid
 import warnings
 from collections.abc import Iterator
 from dataclasses import dataclass, field
@@ -26,6 +27,7 @@ from benchmarks.policies.spec import PolicySpec
 from benchmarks.run.metrics import METRICS
 from benchmarks.run.suite import Cell, versions
 from benchmarks.text import visible
+from fbl_gym.reading import read_bytes
 
 FORMAT = 5
 """Layout of a result's file.
@@ -96,6 +98,9 @@ class Store:
         """Write a result into its file. A failed one does not count as finished."""
         path = self.path(result.cell)
         failed = path.with_suffix(".error")
+        for place in (path, failed):
+            if place.is_dir() and not place.is_symlink():  # no file can replace a folder
+                place.rename(place.with_suffix(f".moved-{uuid.uuid4().hex}"))
         text = json.dumps(_document(result), separators=(",", ":"), allow_nan=False) + "\n"
         if result.error:
             write_text(failed, text)
@@ -147,7 +152,7 @@ class Store:
             Damaged: the file is not as it was written.
         """
         try:
-            document = json.loads(path.read_text(encoding="utf-8"))
+            document = json.loads(read_bytes(path))
             if document.get("format") != FORMAT:
                 raise OtherFormat(f"{path} has format {document.get('format')}, this version reads {FORMAT}")
             if document.pop("sha256") != data_digest(document):
@@ -169,9 +174,17 @@ class Store:
             if len(rows) != (0 if error else len(cell.seeds)):
                 raise ValueError(f"it has {len(rows)} rows for {len(cell.seeds)} seeds")
             return Result(cell, rows, _number(document["decision_us"]), error, {**document["provenance"]})
-        except OtherFormat:
+        except (OtherFormat, FileNotFoundError):
             raise
-        except (ValueError, LookupError, TypeError, AttributeError, ArithmeticError, RecursionError) as problem:
+        except (
+            OSError,
+            ValueError,
+            LookupError,
+            TypeError,
+            AttributeError,
+            ArithmeticError,
+            RecursionError,
+        ) as problem:
             raise Damaged(f"{path} is damaged ({problem})") from None
 
 

@@ -20,8 +20,9 @@ from benchmarks.seeds import SPLITS
 from benchmarks.text import reason_of
 from controllers.registry import LawName
 from fbl_gym import Scenario, scenarios
+from fbl_gym.reading import read_bytes
 from fbl_gym.records.checks import check_choice, check_whole, unknown
-from fbl_gym.records.record import merged, set_fields
+from fbl_gym.records.record import merged, naming, set_fields
 from fbl_gym.scenarios import as_scenario
 from fbl_gym.scenarios.classes import CLASSES
 from fbl_gym.scenarios.files import from_table, read_toml
@@ -135,7 +136,7 @@ class Suite:
 def training(folder: Path) -> tuple[str, int]:
     """Return the settings of a run of `fbl-gym train` without the seed, as text, and the seed."""
     try:
-        settings = json.loads((folder / "run.json").read_text(encoding="utf-8"))
+        settings = json.loads(read_bytes(folder / "run.json"))
         seed = settings.pop("seed")
     except (OSError, ValueError, LookupError, TypeError, AttributeError) as problem:
         raise ValueError(f"{folder / 'run.json'} must be as fbl-gym train writes it ({reason_of(problem)})") from None
@@ -200,7 +201,8 @@ def with_option(scenario: Scenario, option: str, value: float) -> Scenario:
     for part in reversed(option.split(".")):
         changes = {part: changes}
     name = f"{scenario.name},{option}={value:g}"
-    return Scenario.from_dict({**merged(scenario.to_dict(), changes), "name": name})
+    with naming(changes):
+        return Scenario.from_dict({**merged(scenario.to_dict(), changes), "name": name})
 
 
 PAPER = ("pid-flm", "cascade-flm", "robust-flm", "adaptive-flm")
@@ -330,14 +332,12 @@ def load(name: str) -> SuiteSpec:
     entries = ("policies", "scenarios", "seeds")
     for key in data:
         check_choice(f"entry of {path}", key, entries)
-    policies, tasks = data.get("policies", []), data.get("scenarios", list(scenarios.in_tier("ideal")))
-    if not isinstance(policies, list) or not all(isinstance(policy, str) for policy in policies):
-        raise ValueError(f"policies of {path} must be a list of names, got {policies!r}")
-    if not isinstance(tasks, list) or not all(isinstance(task, str | dict) for task in tasks):
+    policies, tasks = data.get("policies", [*names()]), data.get("scenarios", list(scenarios.in_tier("ideal")))
+    if not policies or not isinstance(policies, list) or not all(isinstance(policy, str) for policy in policies):
+        raise ValueError(f"policies of {path} must be a list of names, got {policies!r}; without it, all are meant")
+    if not tasks or not isinstance(tasks, list) or not all(isinstance(task, str | dict) for task in tasks):
         raise ValueError(f"scenarios of {path} must be a list of names and tables, got {tasks!r}")
-    return SuiteSpec(
-        path.stem, policies=tuple(policies) or names(), tasks=tuple(tasks), seeds=data.get("seeds", 64), file=path
-    )
+    return SuiteSpec(path.stem, policies=tuple(policies), tasks=tuple(tasks), seeds=data.get("seeds", 64), file=path)
 
 
 def expand(tasks: Sequence[str | Mapping[str, Any] | Scenario]) -> tuple[Scenario, ...]:

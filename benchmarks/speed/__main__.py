@@ -11,6 +11,7 @@ from benchmarks.run.store import provenance
 from benchmarks.run.suite import load
 from benchmarks.speed.decisions import measure_decisions
 from benchmarks.speed.environments import compare, measure_environments
+from fbl_gym.reading import read_text
 
 LEGEND = """
 x peer: to Acrobot-v1 through gym.make for a single environment, to SyncVectorEnv of 256 for a batch.
@@ -43,7 +44,7 @@ def main() -> None:
         print(f"{row['name']:<42} {row['median']:>12,.0f} {ratio:>8}")
     print(LEGEND)
     if arguments.baseline is not None:
-        stored = json.loads(arguments.baseline.read_text(encoding="utf-8"))["contestants"]
+        stored = json.loads(read_text(arguments.baseline))["contestants"]
         for name, change in compare(rows, stored).items():
             print(f"{name:<42} {change:.2f} times its ratio in {arguments.baseline}")
     if arguments.json is not None:

@@ -17,6 +17,8 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
+from filelock import FileLock, Timeout
+
 from benchmarks.agents.sb3 import find_class
 from benchmarks.files import write_text
 from benchmarks.text import reason_of
@@ -24,6 +26,7 @@ from benchmarks.training.progress import CHECKPOINT, Progress
 from benchmarks.training.training_settings import TrainingSettings, training_seeds
 from benchmarks.training.vec_env import ArmVecEnv, VectorAdapter
 from fbl_gym.envs.vector_env import TwoLinkArmVectorEnv
+from fbl_gym.reading import read_text
 
 
 def train(settings: TrainingSettings, folder: Path, command: str = "", evaluations: int = 40) -> None:
@@ -36,11 +39,21 @@ def train(settings: TrainingSettings, folder: Path, command: str = "", evaluatio
         evaluations: number of validations and checkpoints.
 
     Raises:
-        ValueError: the folder holds a run of other settings, or one that is damaged.
+        ValueError: the folder holds a run of other settings, or one that is damaged, or another
+            process trains in it.
     """
+    folder.mkdir(parents=True, exist_ok=True)
+    try:
+        with FileLock(folder / ".lock", timeout=0):
+            _train(settings, folder, command, evaluations)
+    except Timeout:
+        raise ValueError(f"another `fbl-gym train` runs in {folder}; give another --out") from None
+
+
+def _train(settings: TrainingSettings, folder: Path, command: str, evaluations: int) -> None:
     text, run_file = json.dumps(asdict(settings), indent=1) + "\n", folder / "run.json"
-    began = (folder / CHECKPOINT).exists()
-    if began and _without_length(run_file.read_text(encoding="utf-8")) != _without_length(text):
+    began = (folder / CHECKPOINT).is_file()
+    if began and _without_length(read_text(run_file)) != _without_length(text):
         raise ValueError(f"only steps and minutes of a run may change; run.json of {str(folder)!r} has other settings")
 
     # Lane i draws its episodes from the stream of seed first + i.

@@ -38,6 +38,7 @@ from benchmarks.seeds import SPLITS
 from controllers import registry
 from controllers.gains import expect_law, gains_file
 from fbl_gym import Scenario, scenarios
+from fbl_gym.reading import read_bytes
 from fbl_gym.records.record import set_fields, tuning_ranges
 
 if TYPE_CHECKING:  # of the extra `analysis`: imported where a study is used
@@ -283,7 +284,7 @@ def write_gains(summary: dict[str, Any], folder: Path) -> Path:
     """
     path = gains_file(PolicyName.parse(summary["policy"]).code.text, folder)
     if path.exists():
-        expect_law(summary["policy"], path, json.loads(path.read_text(encoding="utf-8")))
+        expect_law(summary["policy"], path, json.loads(read_bytes(path)))
     lines = ",\n".join(f" {json.dumps(key)}: {json.dumps(value)}" for key, value in summary.items())
     write_text(path, f"{{\n{lines}\n}}\n")
     return path

@@ -15,7 +15,7 @@ from fbl_gym.kernel.memory.program import Program, make_program
 from fbl_gym.model.arm import Array
 from fbl_gym.options import Reward
 from fbl_gym.records.checks import check_choice, check_whole, nearest
-from fbl_gym.records.record import build
+from fbl_gym.records.record import build, naming
 from fbl_gym.scenarios import Scenario, as_scenario
 
 MAX_SEED = 2**64 - 1
@@ -137,9 +137,10 @@ def _plain(value: Any) -> Any:
 def configure(scenario: Any, options: dict[str, Any], **task: Any) -> tuple[Scenario, Program]:
     """Return the scenario and the program of an environment; `task` is of `make_program`."""
     built = as_scenario(scenario)
-    if options:
-        built = built.replace(**options)
-    return built, make_program(built, **task)
+    with naming(options):
+        if options:
+            built = built.replace(**options)
+        return built, make_program(built, **task)
 
 
 def make_batch(scenario: Scenario, program: Program, lanes: int) -> ArmBatch:

@@ -7,7 +7,6 @@ has. Torque limits, friction and meshes of the file are not read.
 """
 
 from collections.abc import Iterable
-from pathlib import Path
 from typing import NamedTuple
 from xml.etree import ElementTree
 from xml.etree.ElementTree import Element
@@ -15,6 +14,7 @@ from xml.etree.ElementTree import Element
 import numpy as np
 
 from fbl_gym.model.arm import STANDARD_GRAVITY, ArmParameters, Array
+from fbl_gym.reading import read_bytes
 from fbl_gym.records.checks import check_choice
 
 _ON_LINE = 1e-6  # largest distance from a line, as a fraction of the link's length
@@ -78,7 +78,7 @@ def load_urdf(path: str, gravity: float = STANDARD_GRAVITY) -> ArmParameters:
     """
     file, named, tip = path.partition(".urdf:")
     try:
-        robot = _read_robot(path, Path(file + ".urdf" if named else path).read_bytes())
+        robot = _read_robot(path, read_bytes(file + ".urdf" if named else path))
     except (OSError, ElementTree.ParseError, KeyError, ValueError) as problem:
         raise ValueError(f"{path} must be a URDF file: {type(problem).__name__}: {problem}") from None
     inner, outer = _turning_joints(robot)

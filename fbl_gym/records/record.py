@@ -16,10 +16,12 @@ searches a gain; `varies`, True if a `Distribution` is valid in place of a numbe
 if None is valid whatever the default; and the bounds `low`, `high` and `above` of `check_number`.
 """
 
+import contextlib
 import dataclasses
 import functools
 import math
-from collections.abc import Callable, Iterable, Mapping, Sequence
+import re
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import MISSING, dataclass
 from typing import Any, TypeAlias, TypeVar
 
@@ -334,6 +336,30 @@ def merged(base: Any, changes: Any) -> Any:
     if not tables or is_distribution(changes) or changes.get("kind", base.get("kind")) != base.get("kind"):
         return changes
     return {**base, **{name: merged(base.get(name), value) for name, value in changes.items()}}
+
+
+@contextlib.contextmanager
+def naming(options: Mapping[str, Any]) -> Iterator[None]:
+    """Add the paths of given options to a `ValueError` that names none of them.
+
+    An option may be at fault for what another one becomes, such as an arm for the torque limit of
+    its class.
+    """
+    try:
+        yield
+    except ValueError as problem:
+        given = [*_paths(options)]
+        if {path.rpartition(".")[2] for path in given} & {*re.findall(r"\w+", str(problem))} or not given:
+            raise
+        raise ValueError(f"given {', '.join(given[:5])}: {str(problem).removeprefix('scenario: ')}") from None
+
+
+def _paths(options: Mapping[str, Any], above: str = "") -> Iterator[str]:
+    for name, value in options.items():
+        if isinstance(value, Mapping) and not set(value) <= {"uniform", "log_uniform", "choice"}:
+            yield from _paths(value, f"{above}{name}.")
+        elif name not in ("name", "description", "kind"):
+            yield f"{above}{name}"
 
 
 def set_fields(record: object, **values: object) -> None:

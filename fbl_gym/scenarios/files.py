@@ -23,8 +23,9 @@ from pathlib import Path
 from typing import Any
 
 from fbl_gym.model.arm import ArmParameters
+from fbl_gym.reading import read_text
 from fbl_gym.records.checks import unknown
-from fbl_gym.records.record import build, merged
+from fbl_gym.records.record import build, merged, naming
 from fbl_gym.scenarios.scenario import Scenario, as_arm
 from fbl_gym.scenarios.tiers import MEMBERS, tier_scenario
 from fbl_gym.scenarios.worlds import in_world
@@ -56,9 +57,8 @@ def split(text: str) -> tuple[str, str, str]:
 def read_toml(path: Path) -> dict[str, Any]:
     """Return the content of a TOML file."""
     try:
-        with path.open("rb") as file:
-            return tomllib.load(file)
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError, RecursionError) as problem:
+        return tomllib.loads(read_text(path))
+    except (tomllib.TOMLDecodeError, RecursionError) as problem:
         raise ValueError(f"{path} is no TOML: {problem}") from None
 
 
@@ -107,14 +107,15 @@ def from_table(table: Mapping[str, Any], path: Path | None = None, above: tuple[
             if mixed := arm.keys() & {"m1", "m2", "L1", "L2"}:
                 raise ValueError(f"arm must have mass and length, or m1, m2, L1 and L2, got also {min(mixed)}")
             fields["arm"] = dataclasses.asdict(as_arm("arm", arm))
-        if "arm" in fields:
-            given = build("scenario", {"arm": merged(parent.to_dict()["arm"], fields["arm"])}, Scenario).arm
-            known = isinstance(arm, str) and ".urdf" not in arm
-            for doubt in () if known else _doubts(given):  # before an error that follows from the mistake
-                warnings.warn(f"{path or 'arm'}: {doubt}", UnitsWarning, stacklevel=2)
-            parent = tier_scenario(base, given) if base in MEMBERS else parent
-        fields.setdefault("description", f"{parent.name} with other options")
-        return build("scenario", merged(parent.to_dict(), fields), Scenario)
+        with naming(fields):
+            if "arm" in fields:
+                given = build("scenario", {"arm": merged(parent.to_dict()["arm"], fields["arm"])}, Scenario).arm
+                known = isinstance(arm, str) and ".urdf" not in arm
+                for doubt in () if known else _doubts(given):  # before an error that follows from the mistake
+                    warnings.warn(f"{path or 'arm'}: {doubt}", UnitsWarning, stacklevel=2)
+                parent = tier_scenario(base, given) if base in MEMBERS else parent
+            fields.setdefault("description", f"{parent.name} with other options")
+            return build("scenario", merged(parent.to_dict(), fields), Scenario)
     except ValueError as problem:
         raise ValueError(f"{path}: {str(problem).removeprefix('scenario: ')}" if path else str(problem)) from None
 

@@ -126,7 +126,7 @@ class Scenario(Record):
         """Refuse times that do not divide, too many steps, and options that do not fit together."""
         if "position" not in self.sensors:
             raise ValueError(f"sensors must include 'position', got {self.sensors}")
-        self.check_multiple("control_dt", self.control_dt, "physics_dt")
+        self.check_multiple("control_dt", self.control_dt, "physics_dt", least=1)
         substeps = self.substeps * (1 if self.plant is None else self.plant.substeps)
         if substeps > MAX_SUBSTEPS:
             raise ValueError(

@@ -69,7 +69,17 @@ from benchmarks.run.suite import load
         ("identify --plan plan.csv --amplitude 1 1e300", "amplitude[1] must be a finite number greater than 0"),
         ("identify --plan plan.csv --speed inf", "speed must be a finite number greater than 0 and not above 100"),
         ("identify --plan plan.csv --speed -1", "speed must be a finite number greater than 0"),
-        ("identify --validate none.csv", "none.csv not found"),
+        ("identify --validate none.csv", "No such file or directory: none.csv"),
+        ("show ''", "unknown scenario ''"),
+        ("leaderboard --suite lists.toml", "policies of lists.toml must be a list of names, got []"),
+        ("sweep zero --over noise.position=1:2:log:10001", "must be at most 10000, got '10001'"),
+        (
+            "sweep zero --over arm.m1=1:2:lin:999 --over arm.m2=1:2:lin:999",
+            "at most 100000 cells, policies times values",
+        ),
+        ("leaderboard --workers 99999", "must be at most "),
+        ("tune pid-flm --trials 1000000000", "must be at most 1000000, got '1000000000'"),
+        ("evaluate zero --csv folder.csv", "must be a file, got 'folder.csv', which is a folder"),
         ("identify --start servo-elastic-1 --plan plan.csv", "rigid"),
         ("record zero --scenario servo-noise-2 --out a-v0", "servo-noise-2 is for judging alone"),
         ("record zero --out mine", "must end in a name and a version, such as data/expert-v0, got 'mine'"),
@@ -80,10 +90,12 @@ from benchmarks.run.suite import load
 )
 def test_a_mistake_is_answered_with_what_is_right(line, message, folder, fbl_gym):
     (folder / "old-v0").mkdir()
+    (folder / "folder.csv").mkdir()
+    (folder / "lists.toml").write_text("policies = []\nscenarios = []\n")
     shown = fbl_gym(line, 2)
     assert message in shown.err
     assert shown.out == ""
-    assert {path.name for path in folder.iterdir()} <= {"old-v0", "results"}
+    assert {path.name for path in folder.iterdir()} <= {"old-v0", "folder.csv", "lists.toml", "results"}
 
 
 def test_a_mistake_in_a_file_is_one_line(folder, fbl_gym):
@@ -212,4 +224,20 @@ def test_no_name_controls_the_terminal(folder, capsys):
             cli.main(shlex.split(line))
         shown = "".join(capsys.readouterr())
         assert "\x1b" not in shown
-        assert "\\x1b[" in shown
+        assert "\\u001b[" in shown or "\\x1b[" in shown  # the latter in quotes
+    for file in folder.rglob("*"):
+        assert file.suffix not in (".csv", ".html", ".json", ".md", ".tex") or b"\x1b" not in file.read_bytes()
+
+
+def test_no_row_of_margins_is_a_failure(fbl_gym):
+    assert "no margins of zero: at[0] must be a finite number, got nan" in fbl_gym("margins zero --at nan nan", 1).out
+
+
+@pytest.mark.parametrize(("change", "status", "message"), [
+    (">&- 2>&- <&-", 0, ""), (">&-", 0, ""), ("NUMBA_DISABLE_JIT=1", 2, "NUMBA_DISABLE_JIT must be unset"),
+])  # fmt: skip
+def test_no_state_of_the_shell_is_a_traceback(change, status, message):
+    line = f"{sys.executable} -m fbl_gym list suites"
+    line = f"{line} {change}" if change.startswith(">") else f"{change} {line}"
+    done = subprocess.run(line, shell=True, capture_output=True, text=True)
+    assert (done.returncode, message in done.stderr, "Traceback" in done.stderr) == (status, True, False)

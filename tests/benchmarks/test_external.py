@@ -140,6 +140,15 @@ def test_no_bad_policy_stops_the_board(tmp_path):
     assert "Left out: loads.py: ValueError: E: no" in table
 
 
+@pytest.mark.parametrize("preview", ["inf", "nan", "-1", "1e9"])
+def test_a_preview_that_no_scenario_has_is_a_reason(preview, tmp_path):
+    law = "from controllers.simple import Zero\nclass make_policy(Zero):\n    preview = float('{}')\n"
+    (tmp_path / "ahead.py").write_text(law.format(preview))
+    cell = Cell(resolve_isolated(str(tmp_path / "ahead.py")), "nominal", (0,))
+    assert "preview of " in run_cell(cell).error
+    assert cell.key
+
+
 def test_the_board_runs_no_policy_that_breaks_a_promise(tmp_path):
     random = "import numpy as np\n" + LAW.format("return np.random.randn(len(observation), 2), state")
     (tmp_path / "shaky.py").write_text(random)
@@ -150,15 +159,43 @@ def test_the_board_runs_no_policy_that_breaks_a_promise(tmp_path):
 LATE = "it took longer than 1 s, see leaderboard --cell-timeout"
 
 
-def test_a_policy_that_hangs_is_a_failed_cell(tmp_path):
-    """While it runs, and while it is loaded."""
-    (tmp_path / "hangs.py").write_text(LAW.format("while True: pass"))
+HANGS = {
+    "hangs": "while True: pass",
+    "stops": "import os, signal; os.kill(os.getpid(), signal.SIGSTOP)",
+    "stops-parent": "import os, signal; os.kill(os.getppid(), signal.SIGSTOP); return super().torque(observation, state)",
+}
+
+
+@pytest.mark.parametrize("how", HANGS)
+def test_a_policy_that_hangs_is_a_failed_cell(how, tmp_path):
+    """While it runs, and while it is loaded. The next call has a server that works."""
+    (tmp_path / "hangs.py").write_text(LAW.format(HANGS[how]))
     (tmp_path / "loading.py").write_text("import time\ntime.sleep(600)\n")
     hangs = Cell(resolve_isolated(str(tmp_path / "hangs.py")), "nominal", (0,))
     limits = CallLimits(seconds=1.0)
     assert run_cell(hangs, limits=limits).error == LATE
     loading = resolve_isolated(str(tmp_path / "loading.py"), limits)
     assert loading.problem == f"{LATE}, while it was loaded"
+
+
+def leave_group():
+    os.setpgid(0, os.getpgid(os.getppid()))
+
+
+def print_much():
+    print("\x1b[2J" + "x" * 10**7)
+    return "answer"
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="has no groups of processes")
+def test_a_call_stays_in_its_group_and_shows_the_first_of_its_prints(capfd):
+    with pytest.raises(Failed, match="PermissionError"):
+        run_isolated(leave_group)
+    assert run_isolated(print_much) == "answer"
+    shown = capfd.readouterr().err
+    assert shown.startswith("\\u001b[2Jxxx")
+    assert shown.endswith("xxx ...\n")
+    assert len(shown) < 21_000
 
 
 def start_and_hang(flag):

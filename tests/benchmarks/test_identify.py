@@ -10,7 +10,7 @@ import pytest
 from benchmarks.identification import excitation, result
 from benchmarks.identification import fit as fitting
 from benchmarks.identification.fit import identify, rollout_errors
-from benchmarks.identification.logs import COLUMNS, columns, read
+from benchmarks.identification.logs import COLUMNS, columns, read, refuse_twice
 from benchmarks.identification.model import INDEX, parameters_of, windows
 from benchmarks.identification.result import arm_of
 from fbl_gym import scenarios
@@ -106,11 +106,20 @@ def test_columns_have_names_units_and_a_zero(rows, tmp_path):
             "unplugged",
         ),
         (lambda r: r[:50], "200 samples"),
+        (lambda r: r * [1000, 1, 1, 1, 1], "time must be in s, 1e-05 to 0.1 s a sample, got"),
     ],
 )
 def test_a_damaged_log_is_refused(rows, tmp_path, damage, message):
     with pytest.raises(ValueError, match=message):
         read(write(tmp_path / "bad.csv", damage(rows[0])))
+
+
+def test_a_log_given_twice_is_refused(rows, files, tmp_path, fbl_gym):
+    """Under another name, cut and moved in time, too; logs of other motions may start in the same place."""
+    again = write(tmp_path / "again.csv", rows[0][200:] + [7.0, 0, 0, 0, 0])
+    shown = fbl_gym(f"identify {files[0]} {again} --start dfki-c1", 2).err
+    assert f"each log must be given once, but {files[0].name} and again.csv have the same samples" in shown
+    refuse_twice([read(path) for path in files])
 
 
 def test_logs_of_two_rates_do_not_mix(files):

@@ -93,6 +93,19 @@ def test_a_damaged_file_is_named_and_computed_again(tmp_path):
             assert len(list(store.results())) == len(cells()) - 1
 
 
+@pytest.mark.skipif(sys.platform == "win32", reason="has no named pipes")
+@pytest.mark.parametrize("make", [os.mkdir, os.mkfifo, lambda path: os.symlink(path, path)])
+def test_no_kind_of_file_in_the_place_of_a_result_stops_the_others(make, tmp_path):
+    finish(cells(("zero",)), tmp_path)
+    store = Store(tmp_path)
+    victim = store.files()[0]
+    victim.unlink()
+    make(victim)
+    with pytest.warns(UserWarning, match="is damaged"):
+        assert [done for done, _ in finish(cells(("zero",)), tmp_path)].count("computed") == 1
+    assert len(list(store.results())) == len(cells(("zero",)))
+
+
 @pytest.mark.parametrize(
     "change",
     [

@@ -138,6 +138,23 @@ def test_wrong_options_are_named(options, message):
         TwoLinkArmEnv(**options)
 
 
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"base": "servo-nominal", "arm": {"centre": 1e15}}, r"given arm\.centre: actuator: torque_limit"),
+        (
+            {"base": "geared-nominal", "parameter_error": 0.02},
+            r"given parameter_error: physics_dt=0\.0005 s is too long",
+        ),
+        ({"base": "geared-nominal", "arm": {"centre": [0.5, -5.0]}}, r"given arm\.centre: physics_dt"),
+    ],
+)
+def test_an_error_names_an_option_that_was_given(options, message):
+    """Though another one, which follows from it or comes from the base, is wrong by it."""
+    with pytest.raises(ValueError, match=message):
+        TwoLinkArmEnv(options)
+
+
 @pytest.mark.parametrize("name", ["friction", "action", "reward", "scenario"])
 def test_an_unknown_option_is_a_type_error_in_pythons_words(name):
     """TorchRL tries `frameskip` on every environment, and goes on after this error alone."""

@@ -47,7 +47,8 @@ DAMAGED = {
     "agent.json": [
         b"", b"[]", b"3", b"{", b"{}", b'{"interface": 3}', b'{"interface": {}, "weights": 3}',
         b'{"interface": {"action": 1}}', rb'{"interface": {}, "weights": "\u0000"}',
-        b'{"interface": {"x": 1}, "network": {"layers": 0}}', b'{"interface": {}, "network": {"layers": "x"}}',
+        b'{"interface": {}, "network": {"layers": 0}}',
+        b'{"interface": {}, "network": {"layers": -1}}', b'{"interface": {}, "network": {"layers": "x"}}',
     ],
     "weights.npz": [b"", b"PK", b"PK\x03\x04" + 40 * b"x"],
 }  # fmt: skip

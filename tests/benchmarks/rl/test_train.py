@@ -13,6 +13,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import torch
+from filelock import FileLock
 
 from benchmarks import cli
 from benchmarks.agents.adapter import AdapterSettings
@@ -244,6 +245,14 @@ def test_options_reach_the_agent(short, fbl_gym):
     assert description["scenario"]["name"] == "mixed-error-1"
 
 
+@pytest.mark.parametrize("argument", [{"_init_setup_model": False}, {"gamma": "x"}, {"n_epochs": "a"}])
+def test_an_argument_that_fails_in_training_is_one_sentence(argument, short, fbl_gym):
+    given = json.loads((short / "short.json").read_text())
+    given["ppo"]["arguments"] |= argument
+    (short / "short.json").write_text(json.dumps(given))
+    assert "short.json must have arguments that fit ppo: " in fbl_gym(f"{SHORT} --scenario noise-1", 2).err
+
+
 @pytest.mark.slow
 def test_the_pages_on_learning_run(folder):
     """Their training and recording commands with fewer steps, then its Python as printed, in one process."""
@@ -307,6 +316,12 @@ def test_a_run_that_cannot_begin_leaves_the_folder_to_the_next(fbl_gym):
     assert "not applicable" in fbl_gym(f"{command} --sensors position acceleration", 2).err
     fbl_gym(command)
     assert describe(Path("run"))["interface"]["sensors"] == ["position", "velocity"]
+
+
+def test_a_folder_is_of_one_run_at_a_time(short, fbl_gym):
+    with FileLock(short / ".lock"):
+        assert "another `fbl-gym train` runs in ." in fbl_gym(f"{SHORT} --out .", 2).err
+    assert {path.name for path in short.iterdir()} == {".lock", "short.json"}
 
 
 @pytest.mark.parametrize(("name", "content"), [("run.json", b""), ("run.json", b"[]"), ("checkpoint.pt", b"PK")])
