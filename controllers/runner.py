@@ -9,7 +9,6 @@ from typing import Any, TextIO
 import numpy as np
 from numpy.typing import ArrayLike
 
-from controllers.gains import split_gains
 from controllers.registry import factory, make
 from fbl_gym.envs.robot import Robot
 from fbl_gym.model.arm import Array
@@ -64,7 +63,7 @@ class Runner:
     ) -> None:
         self._scenario = as_scenario(scenario)
         self.control_dt = self._scenario.control_dt
-        build = factory(split_gains(policy)[0]) if isinstance(policy, str) else policy
+        build = factory(policy) if isinstance(policy, str) else policy
         self.rows = 1 + math.ceil(getattr(build, "preview", 0.0) / self.control_dt - 1e-9)
         self._robot = Robot(self._scenario, self.rows - 1)
         self.interface = self._robot.interface

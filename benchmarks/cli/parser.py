@@ -56,7 +56,7 @@ COMMANDS: dict[str, Command] = {
         "--only figure-3a --short", "finished claims are kept"),
     "show": Command("show", "show a scenario: every number with its unit, and what follows from them",
         "geared-nominal servo-nominal"),
-    "list": Command("names", "list policies, scenarios, options, gains, suites or claims, with one line each",
+    "list": Command("list", "list policies, scenarios, options, gains, suites or claims, with one line each",
         "scenarios"),
     "doctor": Command("doctor", "show versions, extras, compile cache and folders of the packages, and run a self-check",
         "--compile"),
