@@ -10,6 +10,7 @@ LAW+PART has no such file, it has the gains of LAW, and the part its defaults.
 
 import inspect
 import json
+import sys
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import lru_cache
@@ -18,19 +19,16 @@ from pathlib import Path
 from typing import Any
 
 from controllers import catalogue
+from controllers import name as naming
 from controllers.base import ACCESS, Policy
-from controllers.composition import PARTS, completed, compose
-from controllers.gains import TUNINGS, Multiple, read_gains, split_gains, stored_gains
+from controllers.composition import completed, compose
+from controllers.name import Multiple, PolicyName
 from fbl_gym.interface import Interface
-from fbl_gym.records.checks import check_choice, check_choices, unknown
-from fbl_gym.scenarios.classes import CLASSES
+from fbl_gym.records.checks import check_choice, unknown
 
 KINDS = ("classical", "learned")
 
 ENTRY_POINTS = "fbl_gym.policies"
-
-TUNED = Path(__file__).with_name("tuned")
-"""Folder of tuned gains: `fbl-gym tune POLICY --class CLASS --ship` writes CLASS/POLICY.json."""
 
 
 @dataclass(frozen=True)
@@ -42,38 +40,6 @@ class _Entry:
 
 
 _REGISTRY: dict[str, _Entry] = {}
-
-
-@dataclass(frozen=True)
-class LawName:
-    """The name of a policy in the registry: LAW, LAW+PART, either with @ and one of `TUNINGS`."""
-
-    law: str
-    parts: tuple[str, ...] = ()
-    tuned: str = ""
-
-    @classmethod
-    def parse(cls, text: str) -> "LawName":
-        """Return the name that a text gives."""
-        code, _, tuning = text.rpartition("@")
-        code, tuning = (code, tuning) if tuning in TUNINGS else (text, "")
-        law, *parts = code.split("+")
-        return cls(law, tuple(parts), tuning)
-
-    @property
-    def files(self) -> dict[str, Path]:
-        """The files of the tuned gains, by the class of robots."""
-        classes = CLASSES if self.tuned == "tuned" else (self.tuned,)
-        paths = {robot: stored_gains(self.law_and_parts, TUNED / robot) for robot in classes}
-        return {robot: path for robot, path in paths.items() if path.is_file()}
-
-    @property
-    def law_and_parts(self) -> str:
-        """The name without tuned gains."""
-        return "+".join((self.law, *self.parts))
-
-    def __str__(self) -> str:
-        return self.law_and_parts + f"@{self.tuned}" * bool(self.tuned)
 
 
 def register(
@@ -103,9 +69,13 @@ for _name, _path, _summary in catalogue.LAWS:
     register(_name, f"controllers.{_path}", _summary, catalogue.ACCESS.get(_name, "nominal"))
 
 
-@lru_cache(maxsize=1)
 def entry_points() -> tuple[metadata.EntryPoint, ...]:
     """Return the entry points by which installed packages register policies."""
+    return _entry_points(tuple(sys.path))
+
+
+@lru_cache(maxsize=1)
+def _entry_points(_path: tuple[str, ...]) -> tuple[metadata.EntryPoint, ...]:
     return tuple(metadata.entry_points(group=ENTRY_POINTS))
 
 
@@ -116,20 +86,25 @@ def external() -> dict[str, metadata.EntryPoint]:
     return {point.name: point for point in points if point.name not in _REGISTRY}
 
 
-def _entry(text: str) -> _Entry:
-    parsed = LawName.parse(text)
-    name = parsed.law
-    if parsed.parts:
-        law = _entry(name)
-        factory = compose(_load(law), *parsed.parts)
-        return _Entry(factory, f"{law.summary}; with {' and '.join(parsed.parts)}", None, law.kind)
-    if name in _REGISTRY:
-        return _REGISTRY[name]
-    if name not in external():
-        raise unknown("policy", name, names())
-    factory = external()[name].load()
+def as_name(policy: str | PolicyName) -> PolicyName:
+    """Return the name that a text gives; a name is returned unchanged."""
+    return PolicyName.parse(policy) if isinstance(policy, str) else policy
+
+
+def _entry(policy: str | PolicyName) -> _Entry:
+    """Return a policy's entry, with its factory imported if it is composed or from a package."""
+    name = as_name(policy)
+    if name.parts:
+        law = _entry(name.source)
+        factory = compose(_load(law), *name.parts)
+        return _Entry(factory, f"{law.summary}; with {' and '.join(name.parts)}", None, law.kind)
+    if name.source in _REGISTRY:
+        return _REGISTRY[name.source]
+    if name.form != "name" or name.source not in external():
+        raise unknown("policy", name.law, names())
+    factory = external()[name.source].load()
     summary = (inspect.getdoc(factory) or "").split("\n")[0]
-    kind = check_choice(f"kind of {name}", getattr(factory, "kind", "classical"), KINDS)
+    kind = check_choice(f"kind of {name.source}", getattr(factory, "kind", "classical"), KINDS)
     return _Entry(factory, summary, None, kind)
 
 
@@ -138,17 +113,15 @@ def _load(entry: _Entry) -> Callable[..., Any]:
     return metadata.EntryPoint("", given, "").load() if isinstance(given, str) else given
 
 
-def is_composed(name: str) -> bool:
-    """Return True for a text LAW+PART whose law has a registered name, and tuned gains if @tuned.
-
-    Raises:
-        ValueError: a part is unknown.
-    """
-    parsed = LawName.parse(name)
-    if not parsed.parts or parsed.law not in names():
-        return False
-    check_choices("parts", parsed.parts, PARTS)
-    return not parsed.tuned or bool(parsed.files)
+def check_name(name: PolicyName) -> None:
+    """Refuse a name that means no registered policy, without loading one of another package."""
+    misspelt = [gain for gain in name.gains if gain.isidentifier() and not Path(gain).is_dir()]  # "tunned", rather
+    if name.form != "name" or name.source not in names() or misspelt:
+        raise unknown("policy", str(name), names())
+    if name.parts:
+        factory(name)  # refuses parts that do not fit
+    if name.tuned:
+        tuned_gains(name)  # refuses those that there are not
 
 
 def names() -> tuple[str, ...]:
@@ -156,30 +129,33 @@ def names() -> tuple[str, ...]:
     return (*_REGISTRY, *external())
 
 
-def summary(name: str) -> str:
+def summary(policy: str | PolicyName) -> str:
     """Return one line on a policy, by its name or POLICY@tuned."""
-    return _entry(name).summary
+    return _entry(policy).summary
 
 
-def kind(name: str) -> str:
+def kind(policy: str | PolicyName) -> str:
     """Return "classical" or "learned" for a policy, by its name or POLICY@tuned."""
-    return _entry(name).kind
+    return _entry(policy).kind
 
 
-def access(policy: str | Callable[..., Any]) -> str:
+def access(policy: str | PolicyName | Callable[..., Any]) -> str:
     """Return what a policy may know: "none", "nominal" or "privileged".
 
     The policy is a name, POLICY@tuned, or a factory as `register` takes it.
     """
-    if isinstance(policy, str) and (registered := _entry(policy).access) is not None:
-        return registered
-    build = factory(policy) if isinstance(policy, str) else policy
+    if isinstance(policy, str | PolicyName):
+        if (registered := _entry(policy).access) is not None:
+            return registered
+        build = factory(policy)
+    else:
+        build = policy
     return check_choice(f"access of {_name_of(policy)}", getattr(build, "access", "nominal"), ACCESS)
 
 
-def factory(name: str) -> Callable[..., Any]:
+def factory(policy: str | PolicyName) -> Callable[..., Any]:
     """Return the class or function that builds a policy, called as `register` describes."""
-    return _load(_entry(name))
+    return _load(_entry(policy))
 
 
 def tuned(tuning: str = "tuned") -> tuple[str, ...]:
@@ -187,37 +163,34 @@ def tuned(tuning: str = "tuned") -> tuple[str, ...]:
 
     Composed ones come last.
     """
-    files = {path.stem for path in TUNED.glob("*/*.json" if tuning == "tuned" else f"{tuning}/*.json")}
+    files = {path.stem for path in naming.TUNED.glob("*/*.json" if tuning == "tuned" else f"{tuning}/*.json")}
     known = (*(name for name in _REGISTRY if name in files), *sorted(files - {*_REGISTRY}))
     return tuple(f"{name}@{tuning}" for name in known)
 
 
-def tuned_gains(name: str, robot: str = "") -> dict[str, Any]:
+def tuned_gains(policy: str | PolicyName, robot: str = "") -> dict[str, Any]:
     """Return the gains of a tuned policy, such as {"kp": 25.0} of "pid-flm@servo".
 
     Args:
-        name: POLICY@tuned, or POLICY@CLASS.
+        policy: POLICY@tuned, or POLICY@CLASS.
         robot: class of the robot; empty: the first one with gains.
 
     Raises:
         ValueError: there are none for the class.
     """
-    parsed = LawName.parse(name)
-    files = parsed.files
-    robot = parsed.tuned if parsed.tuned in CLASSES else robot or next(iter(files), "")
+    name = as_name(policy)
+    files, robot = name.tuned_files, name.robot_of(robot)
     if robot in files:
         return json.loads(files[robot].read_text())["gains"]
-    law = parsed.law_and_parts
-    if not (law in names() or is_composed(law)):
-        raise unknown("policy", law, names())
+    factory(name)  # refuses an unknown law
     where = f"the class {robot}" if robot else "any class of robots"
     raise ValueError(
-        f"{law} has no tuned gains for {where}: `fbl-gym tune {law} --class {robot or 'CLASS'}` finds some, "
-        f"for {law}@results/gains"
+        f"{name.law} has no tuned gains for {where}: `fbl-gym tune {name.law} --class {robot or 'CLASS'}` finds some, "
+        f"for {name.law}@results/gains"
     )
 
 
-def make(name: str | Callable[..., Any], env: Any, **gains: Any) -> Policy:
+def make(policy: str | PolicyName | Callable[..., Any], env: Any, **gains: Any) -> Policy:
     """Build a policy for an environment.
 
     Only a policy with privileged access gets the environment itself; any other gets its interface
@@ -225,10 +198,10 @@ def make(name: str | Callable[..., Any], env: Any, **gains: Any) -> Policy:
     `composition.completed`).
 
     Args:
-        name: one of `names()`, LAW+PART, either with @tuned, or a factory as `register` takes it. A
-            name may end in gains: "pid-flm@K=30", "pid-flm@K=0.5x" for half the tuned or default
-            gain, "pid-flm@my_gains.json", or "pid-flm@my_gains", which is my_gains/pid-flm.json.
-            The end of "ppo-memory@2" is an agent's training seed.
+        policy: one of `names()`, LAW+PART, either with @tuned, or a factory as `register` takes
+            it. A name may end in gains: "pid-flm@K=30", "pid-flm@K=0.5x" for half the tuned or
+            default gain, "pid-flm@my_gains.json", or "pid-flm@my_gains", which is
+            my_gains/pid-flm.json. The end of "ppo-memory@2" is an agent's training seed.
         env: the environment, single or batched, wrapped or not; or its `interface`.
         **gains: arguments of the policy; those left out take their defaults.
 
@@ -236,32 +209,33 @@ def make(name: str | Callable[..., Any], env: Any, **gains: Any) -> Policy:
         ValueError: the name or a gain is unknown, a gain is out of bounds, or an interface is given
             where privileged access needs the environment.
     """
-    build: Callable[..., Any]
-    tuned: dict[str, Any] = {}
     interface = env if isinstance(env, Interface) else env.unwrapped.interface
-    if isinstance(name, str):
-        name, given = split_gains(name)
-        build = factory(name)
-        tuned = tuned_gains(name, interface.robot_class) if LawName.parse(name).tuned else {}
-        gains = read_gains(name, given) | gains
+    tuned: dict[str, Any] = {}
+    if isinstance(policy, str | PolicyName):
+        policy = as_name(policy)
+        build = factory(policy)
+        tuned = tuned_gains(policy, interface.robot_class) if policy.tuned else {}
+        gains = policy.given_gains | gains
     else:
-        build = name
+        build = policy
     build = completed(build, interface)
     parameters = inspect.signature(build).parameters
     if not parameters:
-        raise ValueError(f"{_name_of(name)} makes no policy: it must take the interface as its first argument")
+        raise ValueError(f"{_name_of(policy)} makes no policy: it must take the interface as its first argument")
     for gain, value in gains.items():
         if gain not in (known := list(parameters)[1:]):
-            raise unknown(f"argument of {_name_of(name)}", gain, known)
+            raise unknown(f"argument of {_name_of(policy)}", gain, known)
         if isinstance(value, Multiple):
             gains[gain] = value.of(gain, tuned.get(gain, parameters[gain].default))
     gains = tuned | gains
-    if access(name) == "privileged":
+    if access(policy) == "privileged":
         if isinstance(env, Interface):
-            raise ValueError(f"{_name_of(name)} reads the truth: it needs the environment, got its interface")
+            raise ValueError(f"{_name_of(policy)} reads the truth: it needs the environment, got its interface")
         return build(env.unwrapped, **gains)
     return build(interface, **gains)
 
 
-def _name_of(policy: str | Callable[..., Any]) -> str:
-    return policy if isinstance(policy, str) else getattr(policy, "__name__", repr(policy))
+def _name_of(policy: str | PolicyName | Callable[..., Any]) -> str:
+    if isinstance(policy, str | PolicyName):
+        return as_name(policy).law
+    return getattr(policy, "__name__", repr(policy))

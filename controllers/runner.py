@@ -1,7 +1,6 @@
 """A policy on a robot: `Runner` decides on a torque at each reading, as in the environment."""
 
 import contextlib
-import json
 import math
 import warnings
 from collections.abc import Callable, Iterable
@@ -12,12 +11,12 @@ from typing import Any, Self, TextIO
 import numpy as np
 from numpy.typing import ArrayLike
 
-from controllers.gains import split_gains, stored_gains
+from controllers.name import PolicyName
 from controllers.numerics.dynamics import inverse_dynamics
 from controllers.registry import factory, make
 from fbl_gym.envs.robot import Robot
 from fbl_gym.interface import Interface
-from fbl_gym.model.arm import ArmParameters, Array, inertia_matrix
+from fbl_gym.model.arm import Array, inertia_matrix
 from fbl_gym.options import Friction
 from fbl_gym.records.checks import Pair, check_number, check_pair
 from fbl_gym.records.record import ends
@@ -82,7 +81,7 @@ class Runner:
 
     def __init__(
         self,
-        policy: str | Callable[..., Any],
+        policy: str | PolicyName | Callable[..., Any],
         scenario: Scenario | str | Path,
         *,
         send: Callable[[Array], Any] | None = None,
@@ -95,12 +94,13 @@ class Runner:
         self._scenario = as_scenario(scenario)
         self._send = send
         self.control_dt = self._scenario.control_dt
-        build = factory(split_gains(policy)[0]) if isinstance(policy, str) else policy
+        policy = PolicyName.parse(policy) if isinstance(policy, str) else policy
+        build = factory(policy) if isinstance(policy, PolicyName) else policy
         self.rows = 1 + math.ceil(getattr(build, "preview", 0.0) / self.control_dt - 1e-9)
         self._robot = Robot(self._scenario, self.rows - 1)
         self.interface = self._robot.interface
         self.policy = make(policy, self.interface)
-        for path in _gains_of_other_arms(policy, self._scenario.arm) if isinstance(policy, str) else []:
+        for path in policy.gains_of_other_arms(self._scenario.arm) if isinstance(policy, PolicyName) else []:
             warnings.warn(f"{path} has the gains of another arm than that of {self._scenario.name}", stacklevel=2)
         self._ramp_steps = max(1, math.ceil(check_number("ramp", ramp, low=0) / self.control_dt - 1e-9))
         self._max_error = check_number("max_error", max_error, above=0)
@@ -369,14 +369,6 @@ class _Model:
         self.reference = np.where(same, self.reference, reference[:2])
         self.torque = np.where(same[:, None], self.torque, torque)
         self.same, self.position = np.where(same, self.same + 1, 0), position
-
-
-def _gains_of_other_arms(policy: str, arm: ArmParameters) -> list[Path]:
-    """Return the files of gains in a policy's name that state other arms than this one."""
-    law, given = split_gains(policy)
-    files = [stored_gains(law, text) for text in given if "=" not in text and not text.isdigit()]
-    stated = {path: json.loads(path.read_text(encoding="utf-8")).get("arms") for path in files}
-    return [path for path, arms in stated.items() if arms and arm not in [ArmParameters(**each) for each in arms]]
 
 
 def _numbers(name: str, value: Any, size: int) -> Array:

@@ -22,9 +22,9 @@ import numpy as np
 
 from benchmarks import cli
 from benchmarks.agents.policy import SHIPPED
-from benchmarks.policies.name import PolicyName
 from benchmarks.policies.spec import resolve
 from benchmarks.run.suite import load
+from controllers.name import PolicyName
 from fbl_gym import TwoLinkArmVectorEnv, scenarios
 from fbl_gym.model.urdf import load_urdf
 from fbl_gym.records.record import merged

@@ -10,13 +10,13 @@ import numpy as np
 
 import controllers
 from controllers.base import State, TorqueLaw
-from controllers.gains import split_gains
-from controllers.registry import LawName, is_composed
+from controllers.composition import PARTS
+from controllers.name import PolicyName
 from fbl_gym.envs.error_scales import ErrorScales
 from fbl_gym.interface import Interface
 from fbl_gym.model.arm import Array, inertia_matrix
 from fbl_gym.options import SENSORS
-from fbl_gym.records.checks import check_choice, check_number
+from fbl_gym.records.checks import check_choice, check_choices, check_number
 from fbl_gym.records.record import Record, choice, choices, declared, number, whole
 from fbl_gym.scenarios.classes import CLASSES
 
@@ -36,8 +36,10 @@ GATE = 0.1
 
 
 def _check_law(name: str, value: Any) -> str:
-    if value and not is_composed(law := split_gains(str(value))[0]):
-        check_choice(name, LawName.parse(law).law, controllers.names())
+    if value:
+        law = PolicyName.parse(str(value))
+        check_choice(name, law.source, controllers.names())
+        check_choices("parts", law.parts, PARTS)
     return str(value)
 
 

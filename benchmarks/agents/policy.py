@@ -35,16 +35,31 @@ def shipped_agent(name: str, env: Any, seed: int | None = None) -> Agent:
     return saved_agent(env, str(SHIPPED / name / str(best_seed(name) if seed is None else seed)))
 
 
+def folder_factory(folder: Path) -> Callable[..., Agent]:
+    """Return the factory of the agent in a folder."""
+
+    def factory(env: Any) -> Agent:
+        return saved_agent(env, str(folder))
+
+    return _declare(factory, folder, files(folder))
+
+
 def _factory(name: str, summary: str) -> Callable[..., Agent]:
-    """Return the factory of an agent."""
+    """Return the factory of a shipped agent."""
 
     def factory(env: Any, seed: int | None = None) -> Agent:
         return shipped_agent(name, env, seed)
 
-    settings = settings_of(SHIPPED / name / "0")
-    weights = [str(path) for seed in sorted((SHIPPED / name).iterdir()) for path in files(seed)]
-    vars(factory).update(kind="learned", needs=settings.sensors, preview=settings.preview, data_files=weights)
     factory.__doc__ = summary
+    folder = SHIPPED / name
+    return _declare(factory, folder / "0", [path for seed in shipped()[name] for path in files(folder / str(seed))])
+
+
+def _declare(factory: Callable[..., Agent], folder: Path, data_files: list[Path]) -> Callable[..., Agent]:
+    """Return a factory with what agents of the settings in a folder declare, and their files."""
+    settings = settings_of(folder)
+    declared = {"kind": "learned", "needs": settings.sensors, "preview": settings.preview, "uses": settings.uses}
+    vars(factory).update(declared, data_files=data_files)
     return factory
 
 

@@ -6,6 +6,7 @@ import importlib
 import json
 import zipfile
 import zlib
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -69,6 +70,16 @@ def load_zip(path: str | Path, interface: Interface, trust: bool = False) -> Pol
     _check_space(model, interface, "observation_space", seen)
     _check_space(model, interface, "action_space", f'action="{interface.action}"')
     return model
+
+
+def archive_factory(path: Path) -> Callable[..., Any]:
+    """Return the factory of the model in an archive whose source is trusted."""
+
+    def factory(interface: Interface) -> Policy:
+        return load_zip(path, interface, trust=True)
+
+    vars(factory).update(kind="learned", needs=MOTION, packages=("torch",), data_files=(path,))
+    return factory
 
 
 class TrackingModel:

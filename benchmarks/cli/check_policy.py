@@ -4,7 +4,7 @@ import argparse
 from typing import Any
 
 from benchmarks.cli.common import POLICY, add_trust, trust
-from benchmarks.policies.spec import PolicySpec, resolve_isolated
+from benchmarks.policies.spec import PolicySpec, resolve
 from benchmarks.run.contract import check
 from benchmarks.text import say
 
@@ -17,7 +17,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(arguments: argparse.Namespace) -> int:
     trust(arguments)
     count = 0
-    policy = resolve_isolated(arguments.policy)
+    policy = resolve(arguments.policy)
     for promise, kept, detail, _ in policy.call(_check, policy):
         say(f"{'ok    ' if kept else 'BROKEN'}  {promise}: {detail}")
         count += not kept

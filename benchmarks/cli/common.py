@@ -10,14 +10,13 @@ from typing import Any
 
 from rich.progress import track
 
-from benchmarks.policies import external
 from benchmarks.policies.isolation import CallLimits
-from benchmarks.policies.name import PolicyName
 from benchmarks.report.terminal import Screen
 from benchmarks.run.runner import run as run_cells
 from benchmarks.run.store import Result, Store
 from benchmarks.run.suite import Cell
 from benchmarks.seeds import SPLITS
+from controllers.name import PolicyName
 from fbl_gym import Scenario, scenarios
 
 # Types of arguments: functions of the text that was typed.
@@ -142,12 +141,12 @@ def refuse_judged(scenario: Scenario) -> None:
         raise ValueError(f"{scenario.name} is for judging alone: {reason}; change that, or use the tier practice")
 
 
-def trust(arguments: argparse.Namespace, *more: str) -> None:
-    """Allow the code of the policies among the arguments, and of some more, if `--trust` is given.
+def trust(arguments: argparse.Namespace) -> None:
+    """Turn the texts of the policies among the arguments into names.
 
-    A Python file or module that is typed needs no permission.
+    With `--trust`, their code may run. A Python file or module that is typed needs no permission.
     """
-    typed = [getattr(arguments, name, None) or () for name in ("policies", "policy")]
-    names = [name for some in typed for name in ((some,) if isinstance(some, str) else some)]
-    for name in (*names, *more) if arguments.trust else ():
-        external.trust(PolicyName.parse(name))
+    parse = partial(PolicyName.parse, trusted=arguments.trust)
+    for option in ("policies", "policy"):
+        if given := getattr(arguments, option, None):
+            setattr(arguments, option, parse(given) if isinstance(given, str) else [*map(parse, given)])

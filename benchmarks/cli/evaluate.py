@@ -8,8 +8,7 @@ import numpy as np
 
 from benchmarks.analysis.statistics import geometric_mean, interval, resample, tail_mean, wins
 from benchmarks.cli import common
-from benchmarks.policies.name import PolicyName
-from benchmarks.policies.spec import resolve_isolated
+from benchmarks.policies.spec import resolve
 from benchmarks.report import terminal
 from benchmarks.report.columns import Table, number
 from benchmarks.report.export import write_runs
@@ -41,13 +40,14 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(arguments: argparse.Namespace) -> int:
     """Run the policies, print their metrics, and write the files that the arguments name."""
     common.trust(arguments)
-    policies = list(dict.fromkeys(arguments.policies))
+    names = {str(name): name for name in arguments.policies}
+    policies = [*names]
     if arguments.trace is not None and (len(policies) > 1 or arguments.trials > 1):
         raise ValueError(f"--trace is for one policy and one trial, got {len(policies)} and {arguments.trials}")
     scenario = scenarios.get(arguments.scenario)
     traces: dict[str, list[Trace]] = {}
     for policy in policies:
-        spec = resolve_isolated(policy)
+        spec = resolve(names[policy])
         detailed = arguments.trace is not None
         traces[policy] = run_trials(spec, scenario, range(arguments.seeds), arguments.trials, detailed=detailed)
     runs = {policy: [measure(trace) for trace in trials] for policy, trials in traces.items()}
@@ -71,7 +71,7 @@ def run(arguments: argparse.Namespace) -> int:
     if alone:
         screen.say(scenario.description)
     for policy in policies:
-        for path in PolicyName.parse(policy).gains_of_other_arms(scenario.arm):
+        for path in names[policy].gains_of_other_arms(scenario.arm):
             screen.say(f"{policy}: {path} has the gains of another arm than that of {scenario.name}")
     if arguments.tex is not None:
         width = 3 if alone else len(lines[0])  # without the meaning of the metrics

@@ -7,9 +7,7 @@ from collections.abc import Sequence
 from benchmarks.analysis.board import Board, assemble
 from benchmarks.cli import transfer
 from benchmarks.cli.common import add_run, add_tex, command_line, count, run_all, trust
-from benchmarks.policies import external
 from benchmarks.policies.isolation import CallLimits
-from benchmarks.policies.name import PolicyName
 from benchmarks.report import terminal
 from benchmarks.report.latex import write_board
 from benchmarks.report.terminal import Screen
@@ -44,11 +42,7 @@ def suites_of(arguments: argparse.Namespace) -> list[Suite]:
         names = [classes.pop() if len(classes) == 1 else "servo"]
     suites: list[Suite] = []
     for name in names:
-        spec = load(name)
-        for policy in spec.policies if spec.file and not arguments.policies else ():
-            trust(arguments, policy)
-            external.expect_trust(PolicyName.parse(policy), name)
-        suites.append(spec.build(
+        suites.append(load(name, arguments.trust).build(
             arguments.policies, arguments.scenarios, arguments.seeds, short=arguments.short, more=arguments.policy,
             limits=limits_of(arguments),
         ))  # fmt: skip

@@ -5,7 +5,7 @@ from collections.abc import Sequence
 from typing import Any
 
 from benchmarks.cli.common import add_option, add_policies, add_scenario
-from benchmarks.policies.spec import PolicySpec, resolve_isolated
+from benchmarks.policies.spec import PolicySpec, resolve
 from benchmarks.report.terminal import Screen, table
 from benchmarks.studies.linear import POINT, Margins, linearize
 from fbl_gym import Scenario, scenarios
@@ -28,7 +28,7 @@ def run(arguments: argparse.Namespace) -> int:
     rows: list[Sequence[str]] = []
     reasons: list[str] = []
     for policy in arguments.policies:
-        spec = resolve_isolated(policy)
+        spec = resolve(policy)
         try:
             margins = Margins(**spec.call(_margins, spec, scenario, (q1, q2), arguments.seed))
         except ValueError as problem:

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from benchmarks.cli import common
-from benchmarks.policies.spec import resolve_isolated
+from benchmarks.policies.spec import resolve
 from benchmarks.text import say
 from benchmarks.training.training_settings import SEEDS_PER_RUN, training_seeds
 from fbl_gym import scenarios
@@ -47,7 +47,7 @@ def run(arguments: argparse.Namespace) -> int:
         raise ValueError(f"episodes must be at most {SEEDS_PER_RUN}, the seeds of one --seed, got {arguments.episodes}")
     if not arguments.noise >= 0:
         raise ValueError(f"noise must not be negative, got {arguments.noise}")
-    policy = resolve_isolated(arguments.policy)
+    policy = resolve(arguments.policy)
     episodes = policy.call(record, policy, scenario, seeds, arguments.noise, arguments.observation)
     about = {"algorithm_name": policy.name, "description": common.command_line()}
     write(episodes, arguments.out, scenario, arguments.observation, **about)

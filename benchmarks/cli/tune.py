@@ -14,7 +14,7 @@ from benchmarks.run.suite import distinguish, expand
 from benchmarks.text import say
 from benchmarks.tuning import search
 from benchmarks.tuning.search import Task
-from controllers import registry
+from controllers import name as naming
 from fbl_gym import Scenario
 from fbl_gym.scenarios.classes import CLASSES
 
@@ -74,7 +74,7 @@ def tune_one(arguments: argparse.Namespace, command: str, tasks: tuple[Task, Tas
     starts = task.shipped(arguments.robot).values()
     study = search.tune(task, arguments.storage, starts, arguments.trials * len(task.ranges))
     best = search.summary(task, study, judging, search.judge(judging, study, arguments.candidates), command)
-    path = search.write_gains(best, registry.TUNED / arguments.robot if arguments.ship else arguments.out)
+    path = search.write_gains(best, naming.TUNED / arguments.robot if arguments.ship else arguments.out)
     verdict, defaults = best["judged"]["best"], best["judged"]["defaults"]
     numbers = {gain: ",".join(f"{x:g}" for x in np.ravel(value)) for gain, value in best["gains"].items()}
     gains = " ".join(f"{gain}={text}" for gain, text in numbers.items()) or "the default gains are best"

@@ -1,14 +1,15 @@
 """The command `fbl-gym verify`."""
 
 import argparse
+import dataclasses
 from pathlib import Path
 
 import numpy as np
 
-from benchmarks.cli.common import add_store, add_trust, trust
-from benchmarks.policies import external
-from benchmarks.policies.spec import resolve_isolated
+from benchmarks.cli.common import add_store, add_trust
+from benchmarks.policies.spec import resolve
 from benchmarks.run.cell import run_cell
+from benchmarks.run.contract import broken
 from benchmarks.run.metrics import METRICS
 from benchmarks.run.store import Result, Store, provenance
 from benchmarks.run.suite import Cell
@@ -27,11 +28,12 @@ def run(arguments: argparse.Namespace) -> int:
     differs = 0
     for row in arguments.rows:
         for published in _find(store, row):
-            name = published.cell.policy.parsed
-            trust(arguments, name.text)
-            external.expect_trust(name, f"the result {published.cell.id}")
-            cell = Cell(resolve_isolated(name), published.cell.scenario, published.cell.seeds)
-            difference = compare(published, run_cell(cell))
+            name = dataclasses.replace(published.cell.policy.parsed, trusted=arguments.trust)
+            cell = Cell(resolve(name), published.cell.scenario, published.cell.seeds)
+            difference = compare(published, now := run_cell(cell))
+            if difference and not now.error:
+                promise = cell.policy.call(broken, cell.policy, cell.scenario)
+                difference += f"; the policy {promise or 'keeps every promise that check-policy checks'}"
             differs += bool(difference)
             say(f"{published.cell.id}, {len(published.rows)} seeds: {difference or 'holds, bit for bit'}")
     return 1 if differs else 0

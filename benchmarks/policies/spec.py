@@ -1,43 +1,35 @@
 """Policies by name: `resolve` turns a name into a `PolicySpec`, which everything else works with.
 
-The text that names a policy is parsed once, into a `PolicyName` (`name.py`). A file is resolved in
-a process of its own (`isolation.py`). `external.load` imports it, and the policy is made once for
-an example. `digest.py` hashes its code with all imports. A policy declares in class attributes what
-else it depends on: the laws that it uses by name in `uses`, and the files that it reads in
-`data_files`. `PolicySpec.make` makes the policy for an
-environment, unless any of these has changed.
+`controllers.name.PolicyName` is the name, read once from its text. `loading.load` turns it into the
+policy's factory, and `key.py` has all that its numbers depend on. External code runs in a process
+of its own (`isolation.py`). `PolicySpec.make` makes the policy for an environment, unless what it
+depends on has changed.
 """
 
+import contextlib
 import dataclasses
-import json
 import math
 import os
-from collections.abc import Callable, Mapping
+import sys
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
+from glob import glob
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 import controllers
-from benchmarks.agents.agent import describe, files, saved_agent, settings_of
-from benchmarks.agents.sb3 import MOTION, load_zip
-from benchmarks.policies import external
-from benchmarks.policies.digest import closure, code_digest, data_digest, file_of
+from benchmarks.policies import key
 from benchmarks.policies.isolation import Answer, CallLimits, Failed, run_isolated
-from benchmarks.policies.name import PolicyName
+from benchmarks.policies.loading import FILE_MODULE, IMPORTED, NotFound, entry_module, is_code, load
+from controllers import registry
 from controllers.base import ACCESS
-from controllers.gains import TUNINGS
-from controllers.registry import KINDS, is_composed
+from controllers.name import PolicyName
+from controllers.registry import KINDS
 from fbl_gym import scenarios
 from fbl_gym.envs.vector_env import TwoLinkArmVectorEnv
-from fbl_gym.interface import Interface
 from fbl_gym.records.checks import check_choice, check_number, unknown
-
-RESULTS = ("benchmarks.run.metrics", "benchmarks.run.rollout", "controllers.composition")
-"""Modules that every result depends on, the kernel among what they import.
-
-Any law is composed where a sensor that it needs is absent."""
 
 
 class BadDeclaration(ValueError):
@@ -45,7 +37,7 @@ class BadDeclaration(ValueError):
 
 
 class Changed(ValueError):
-    """A policy's code, gains or data are not those of its specification."""
+    """A policy's code or data are not those of its specification."""
 
 
 @dataclass(frozen=True)
@@ -61,37 +53,41 @@ class PolicySpec:
         tuning: "default gains", "given gains", "tuned" or "trained".
         external: False for a policy of fbl-gym.
         summary: one line.
-        digest: hash of its code with all that it imports, and of the code behind every result.
+        shared: hash of the code behind every result.
+        code: hash of each module of its own code, by the module's name.
         uses: hash of each law that it uses, by the law's name.
         data: hash of each of its data files, by the name relative to its code.
-        packages: those of extras that it computes with.
+        packages: installed packages that it computes with.
+        tuned: its tuned gains for each class of robots, as plain data.
         gains: those that its name gives, as plain data.
         problem: error of its declaration, for which no result can be stored; empty: none.
-        trusted: True if it is an archive that may be loaded, see `external.trust`.
+        files: the file of each module and of the data, by the names above.
         rows: names of the rows of a board that it is a member of; empty: its own name.
     """
 
     parsed: PolicyName
-    kind: str
-    access: str
+    kind: str = "classical"
+    access: str = "nominal"
     needs: tuple[str, ...] = ()
     preview: float = 0.0
     tuning: str = "default gains"
     external: bool = False
     summary: str = ""
-    digest: str = ""
+    shared: str = ""
+    code: Mapping[str, str] = field(default_factory=dict, hash=False)
     uses: Mapping[str, str] = field(default_factory=dict, hash=False)
     data: Mapping[str, str] = field(default_factory=dict, hash=False)
     packages: tuple[str, ...] = ()
+    tuned: Mapping[str, Any] = field(default_factory=dict, hash=False)
     gains: Mapping[str, Any] = field(default_factory=dict, hash=False)
     problem: str = ""
-    trusted: bool = False
+    files: Mapping[str, str] = field(default_factory=dict, compare=False)
     rows: tuple[str, ...] = field(default=(), compare=False)
 
     @property
     def name(self) -> str:
         """The text that names the policy."""
-        return self.parsed.text
+        return str(self.parsed)
 
     @property
     def ranked(self) -> bool:
@@ -103,11 +99,13 @@ class PolicySpec:
         """All that distinguishes this policy from others, but not the place of an external one."""
         name = self.parsed
         return {
-            "policy": name.code.text if name.form == "name" else f"external:{'+'.join((name.attribute, *name.parts))}",
+            "policy": str(name.code) if name.form == "name" else f"external:{'+'.join((name.attribute, *name.parts))}",
             "access": self.access,
-            "code": self.digest,
+            "shared": self.shared,
+            "code": dict(self.code),
             "uses": dict(self.uses),
             "data": dict(self.data),
+            "tuned": dict(self.tuned),
             "gains": dict(self.gains),
         }
 
@@ -118,18 +116,14 @@ class PolicySpec:
             Changed: the policy in this process is not the one that was resolved.
         """
         self.check()
-        if gains:
-            self.factory()  # refuses them, if there are none
-        return _make(self.parsed, env, {**self.parsed.given_gains, **gains})
+        return build(self.parsed, self.factory(), env, **gains)
 
     def check(self) -> None:
-        """Raise `Changed` unless this process has the same code, gains and data."""
-        if self.trusted:
-            external.trust(self.parsed)
-        now = resolve(self.parsed).identity
-        if now != self.identity:
-            parts = [part for part in now if now[part] != self.identity[part]]
-            raise Changed(f"the {' and '.join(parts)} of {self.name} changed since it was resolved; run it again")
+        """Raise `Changed` unless code and data are those of the specification."""
+        was = {"shared code": self.shared, **self.code, **self.data}
+        now = {"shared code": key.shared(), **key.digests(self.files)}
+        if changed := [name or self.parsed.source for name in was if was[name] != now.get(name)]:
+            raise Changed(f"{' and '.join(changed)} of {self.name} changed since it was resolved; run it again")
 
     def call(self, function: Callable[..., Answer], *arguments: Any, limits: CallLimits | None = None) -> Answer:
         """Call a function that makes the policy; in a fresh process, if external code may run.
@@ -139,33 +133,44 @@ class PolicySpec:
             *arguments: of the function.
             limits: of the call; None: those of external policies.
         """
-        runs_code = self.external and self.parsed.form != "agent"  # an agent in a folder is data
-        isolated = runs_code or external.LOADED or limits not in (None, CallLimits())
+        isolated = runs_code(self.parsed) or IMPORTED or limits not in (None, CallLimits())
         return run_isolated(function, *arguments, limits=limits) if isolated else function(*arguments)
 
     def factory(self) -> Callable[..., Any]:
         """Return the class or function that makes the policy from the interface and gains."""
-        if self.parsed.form in ("agent", "archive"):
-            raise ValueError(f"gains must be those of a law, got {self.name}, which was trained and has none")
-        return _factory(self.parsed)
+        return load(self.parsed)
+
+    @property
+    def covered(self) -> set[str]:
+        """The files that its key covers, with those of its gains and of the laws that it uses."""
+        gains = (str(path.resolve()) for path in (*self.parsed.tuned_files.values(), *self.parsed.gains_files))
+        return {*self.files.values(), *gains}.union(*(resolve(law).covered for law in self.uses))
 
     def to_dict(self) -> dict[str, Any]:
-        """Return the specification as plain data."""
-        return {name: value for name, value in dataclasses.asdict(self).items() if name not in ("trusted", "rows")}
+        """Return the specification as plain data; its name is a text."""
+        data = {name: value for name, value in dataclasses.asdict(self).items() if name not in ("files", "rows")}
+        return {**data, "parsed": str(self.parsed)}
 
     @classmethod
-    def from_dict(cls, data: Mapping[str, Any]) -> "PolicySpec":
+    def from_dict(cls, data: Mapping[str, Any], origin: str = "a result") -> "PolicySpec":
         """Return the specification that `to_dict` gave.
 
         Raises:
             ValueError: its kind or access is unknown.
         """
         lists = {name: tuple(data[name]) for name in ("needs", "packages")}
-        given = {**data, **lists, "parsed": PolicyName.from_dict(data["parsed"])}
+        given = {**data, **lists, "parsed": PolicyName.parse(data["parsed"], origin)}
         spec = cls(**{field.name: given[field.name] for field in dataclasses.fields(cls) if field.name in given})
         check_choice("kind", spec.kind, KINDS)
         check_choice("access", spec.access, ACCESS)
         return spec
+
+
+def build(name: PolicyName, factory: Callable[..., Any], env: Any, **gains: Any) -> Any:
+    """Return the policy of a name and factory for an environment; more gains replace the name's."""
+    if name.form == "name":
+        return controllers.make(name, env, **gains)
+    return controllers.make(factory, env, **(name.given_gains | gains))
 
 
 def names() -> tuple[str, ...]:
@@ -173,198 +178,159 @@ def names() -> tuple[str, ...]:
     return (*controllers.names(), *controllers.tuned())
 
 
-_RESOLVED: dict[PolicyName, PolicySpec] = {}
-"""Each built-in policy that this process has resolved."""
+def runs_code(name: PolicyName) -> bool:
+    """Return True if a policy of this name runs code that is not of fbl-gym."""
+    return name.form == "archive" or is_code(name)
 
 
-def resolve(policy: str | PolicyName | PolicySpec) -> PolicySpec:
-    """Return the specification of a policy; of a built-in one, once for each process.
+def resolve(
+    policy: str | PolicyName | PolicySpec, limits: CallLimits | None = None, *, trust: bool = False
+) -> PolicySpec:
+    """Return the specification of a policy; code from outside fbl-gym is loaded in a fresh process.
 
-    A module keeps the state in which this process imported it. A specification is returned
-    unchanged.
+    Args:
+        policy: its text, name, or specification, which is returned unchanged.
+        limits: of that process.
+        trust: True allows the code of an archive to run.
 
     Raises:
         ValueError: no policy has that name, or its file does not exist.
-        external.Untrusted: loading it needs `external.trust`.
+        loading.Untrusted: loading it needs trust; a ValueError where it is a file or module.
     """
     if isinstance(policy, PolicySpec):
         return policy
     name = PolicyName.parse(policy) if isinstance(policy, str) else policy
-    if name in _RESOLVED:
-        return _RESOLVED[name]
-    _check(name)
-    spec = _trained(name) if name.form in ("agent", "archive") else _coded(name)
-    if not spec.external and not name.gains:
-        _RESOLVED[name] = spec
-    return spec
-
-
-def resolve_isolated(policy: str | PolicyName | PolicySpec, limits: CallLimits | None = None) -> PolicySpec:
-    """Return the specification of a policy; code of an external one runs in a fresh process."""
-    if isinstance(policy, PolicySpec):
-        return policy
-    name = PolicyName.parse(policy) if isinstance(policy, str) else policy
-    _check(name)
-    if name.form not in ("file", "module") and not external.entry_module(name):
-        return resolve(name)
+    name = dataclasses.replace(name, trusted=name.trusted or trust)
+    if not is_code(name):
+        return _resolved(name)
     try:
-        return PolicySpec.from_dict(run_isolated(_resolve, name, limits=limits))
+        data, files = run_isolated(_resolve_code, name, limits=limits)
     except Failed as problem:
-        return PolicySpec(name, "classical", "nominal", external=True, problem=f"{problem}, while it was loaded")
+        return PolicySpec(name, external=True, problem=f"{problem}, while it was loaded")
+    return dataclasses.replace(PolicySpec.from_dict(data), parsed=name, files=files)
 
 
-def _resolve(name: PolicyName) -> dict[str, Any]:
-    return resolve(name).to_dict()
+def _resolve_code(name: PolicyName) -> tuple[dict[str, Any], dict[str, str]]:
+    spec = _resolved(name)
+    return spec.to_dict(), dict(spec.files)
 
 
-def _check(name: PolicyName) -> None:
-    """Refuse a name that means no policy, and an archive that may not be loaded."""
-    law, _, tuning = name.text.rpartition("@")
-    if tuning in TUNINGS and PolicyName.parse(law).form in ("file", "module"):
-        search = f"`fbl-gym tune {law} --class CLASS`"
-        raise ValueError(f"{law} has no gains that come with fbl-gym: {search} finds some, for {law}@results/gains")
-    if name.form != "name":
-        external.check(name)
-        return
-    if any(gain.isidentifier() and not Path(gain).is_dir() for gain in name.gains):  # a misspelt "tuned", rather
-        raise unknown("policy", name.text, names())
-    code = name.code.text
-    if name.tuned:
-        controllers.registry.tuned_gains(name.registered)  # refuses those that there are not
-    if is_composed(code):
-        controllers.factory(code)  # refuses parts that do not fit
-    elif name.source not in names() or (name.seed is None and code != name.registered):
-        if (Path(code) / "agent.json").is_file():
-            raise ValueError(f"unknown policy {code!r}; the folder of that name is named by its path, ./{code}")
-        if "/" in code or os.sep in code:
-            raise ValueError(f"policy must be a name, an existing file, or a folder with an agent.json, got {code!r}")
-        raise unknown("policy", code, names())
+def _resolved(name: PolicyName) -> PolicySpec:
+    """Return the specification of a policy, whose code is loaded in this process.
 
-
-def _gains_digest(path: Path) -> str:
-    """Return a hash of the gains of a file, without how they were found."""
-    data = json.loads(path.read_bytes())
-    return data_digest(data.get("gains", data))
-
-
-def _trained(name: PolicyName) -> PolicySpec:
-    """Return the specification of an archive or a folder of an agent."""
-    given: dict[str, Any]
-    if name.form == "archive":
-        modules, data = _files(load_zip.__module__), {"model.zip": external.file_digest(Path(name.source))}
-        given = {"access": "nominal", "needs": MOTION, "packages": ("torch",), "trusted": True}
-    else:
-        folder = Path(name.source)
-        settings, modules = settings_of(folder), _files(saved_agent.__module__)
-        description, weights = files(folder)
-        numbers = {part: describe(folder)[part] for part in ("interface", "network")}
-        data = {description.name: data_digest(numbers), weights.name: external.file_digest(weights)}
-        uses = {law: _used(law) for law in settings.uses}
-        given = {"access": "nominal", "needs": settings.sensors, "preview": settings.preview, "uses": uses}
-    given |= {"digest": _digest(modules), "data": data}
-    return PolicySpec(name, "learned", tuning="trained", external=True, **given)
-
-
-def _coded(name: PolicyName) -> PolicySpec:
-    """Return the specification of a policy that is code, from the policy made for an example."""
-    is_external = name.form != "name" or external.entry_module(name) != ""
-    spec, gains = PolicySpec(name, "classical", "nominal", external=is_external), name.given_gains
-    modules = external.sources(name) if is_external else {}
+    External code is made once for an example. An error of it is raised again where a cell makes
+    it: other policies must not suffer.
+    """
+    before = set(sys.modules) - IMPORTED
+    gains = {gain: np.asarray(value).tolist() for gain, value in name.given_gains.items()}
+    spec = PolicySpec(name, external=name.form != "name" or is_code(name), shared=key.shared(), gains=gains)
     try:
-        factory = _factory(name)
-        modules = external.sources(name) if is_external else _files(getattr(factory, "_law", factory).__module__)
-        if not modules:
-            raise BadDeclaration(f"{name.text} must be Python code in files, since its key follows them")
-        spec = _declared(spec, factory, next(iter(modules.values())).parent)
-        policy = _make(name, _example(spec), gains)
-        plain = {gain: np.asarray(value).tolist() for gain, value in gains.items()}
-        spec = dataclasses.replace(spec, uses={**spec.uses, **_uses(name, policy)}, gains=plain)
-    except external.NotFound:
+        factory = load(name)
+        spec = _declared(spec, factory)
+        uses = [*getattr(factory, "uses", ())]
+        if is_code(name) or name.gains:
+            with contextlib.suppress(*(() if name.gains else (Exception, SystemExit))):
+                uses += getattr(build(name, factory, _example(spec)), "uses", ())
+        return _with_hashes(spec, factory, uses, before)
+    except NotFound:
         raise
     except BadDeclaration as problem:
-        spec = dataclasses.replace(spec, problem=str(problem))
-    except (Exception, SystemExit):
-        if gains:
+        return dataclasses.replace(spec, problem=str(problem))
+    except (Exception, SystemExit) as problem:
+        if name.gains or (isinstance(problem, ValueError) and not is_code(name)):
             raise
-        # Making it for a cell raises the error again, and other policies must not suffer.
-    return dataclasses.replace(spec, digest=_digest(modules))
+        return spec
 
 
-def _declared(spec: PolicySpec, factory: Callable[..., Any], folder: Path) -> PolicySpec:
-    """Return the specification with all that a factory declares; its code is in the folder."""
-    parsed, name = spec.parsed, spec.parsed.registered
-    kind = controllers.kind(name) if name else getattr(factory, "kind", "classical")
-    lists = {what: getattr(factory, what, ()) for what in ("needs", "packages", "data_files")}
+def _declared(spec: PolicySpec, factory: Callable[..., Any]) -> PolicySpec:
+    """Return the specification with all that a factory declares but code and files."""
+    name = spec.parsed
+    kind = controllers.kind(name) if name.form == "name" else getattr(factory, "kind", "classical")
+    tuning = "given gains" if name.gains else "tuned" if name.tuned else "default gains"
+    lists = {what: getattr(factory, what, ()) for what in ("needs", "packages", "data_files", "uses")}
     try:
         for what, given in lists.items():
             if isinstance(given, str) or not all(isinstance(item, str | os.PathLike) for item in given):
-                raise ValueError(f"{what} of {spec.name} must be a list of text, got {given!r}")
-        # The files of an agent's training seed lie in a folder of that name.
-        own = (x for x in lists["data_files"] if parsed.seed is None or Path(x).parent.name == str(parsed.seed))
-        files = {os.path.relpath(folder / file, folder): (folder / file).resolve() for file in own}
-        data = {name: external.file_digest(path) for name, path in files.items()}
-        data |= {f"gains {i}: {path.name}": _gains_digest(path) for i, path in enumerate(parsed.gains_files)}
-        data |= {f"gains of {robot}": _gains_digest(path) for robot, path in parsed.tuned_files.items()}
-        tuning = "tuned" if parsed.tuned else "default gains"
+                raise ValueError(f"{what} of {name} must be a list of text, got {given!r}")
         return dataclasses.replace(
             spec,
-            kind=check_choice(f"kind of {spec.name}", kind, KINDS),
-            access=controllers.access(name or factory),
+            kind=check_choice(f"kind of {name}", kind, KINDS),
+            access=controllers.access(name if name.form == "name" else factory),
             needs=tuple(lists["needs"]),
             packages=tuple(lists["packages"]),
-            preview=check_number(f"preview of {spec.name}", getattr(factory, "preview", 0.0), low=0, high=100),
-            tuning="trained" if kind == "learned" else "given gains" if parsed.gains else tuning,
-            summary=controllers.summary(name) if name else (factory.__doc__ or "").strip().partition("\n")[0],
-            uses=_uses(parsed, factory),
-            data=data,
+            preview=check_number(f"preview of {name}", getattr(factory, "preview", 0.0), low=0, high=100),
+            tuning="trained" if kind == "learned" else tuning,
+            summary=controllers.summary(name)
+            if name.form == "name"
+            else (factory.__doc__ or "").strip().split("\n")[0],
+            tuned={robot: registry.tuned_gains(name, robot) for robot in name.tuned_files},
         )
     except (ValueError, TypeError) as problem:
         raise BadDeclaration(str(problem)) from problem
 
 
-def _uses(name: PolicyName, declares: Any) -> dict[str, str]:
-    """Return a hash of each law that a factory or a policy lists in `uses`."""
+def _with_hashes(spec: PolicySpec, factory: Any, uses: Iterable[str], before: set[str]) -> PolicySpec:
+    """Return the specification with the hashes of code, data and laws.
+
+    Args:
+        spec: without them.
+        factory: of the policy.
+        uses: names of the laws that it declares.
+        before: names of the modules that were there before the factory.
+    """
+    name, law = spec.parsed, getattr(factory, "_law", factory)
+    modules: dict[str, Path] = {}
+    own = entry_module(name) or (name.source if name.form == "module" else "")
+    if is_code(name):
+        modules, packages = key.loaded_since(before, own.partition(".")[0])
+        spec = dataclasses.replace(spec, packages=tuple(dict.fromkeys((*spec.packages, *sorted(packages)))))
+    bases = {cls.__module__ for cls in getattr(law, "__mro__", (law,)) if cls.__module__ in sys.modules}
+    modules |= key.law_modules(sys.modules[module] for module in {*modules, *bases})
+    modules = {"" if module.startswith(FILE_MODULE) else module: file for module, file in modules.items()}
+    if not modules:
+        raise BadDeclaration(f"{name} must be Python code in files, since its key follows them")
+    folder = {"file": modules.get(""), "archive": Path(name.source), "folder": Path(name.source, "agent.json")}
+    home = Path(folder.get(name.form) or str(sys.modules[own or law.__module__].__file__)).resolve().parent
+    data = _data_files(spec, getattr(factory, "data_files", ()), home)
+    return dataclasses.replace(
+        spec, code=key.digests(modules), data=key.digests(data), uses=_uses(name, uses),
+        files={file: str(path) for file, path in {**modules, **data}.items()},
+    )  # fmt: skip
+
+
+def _data_files(spec: PolicySpec, patterns: Iterable[str | os.PathLike[str]], home: Path) -> dict[str, Path]:
+    """Return the files of the paths, folders and patterns that a policy declares, from home."""
+    found: dict[str, Path] = {}
+    for pattern in patterns:
+        path = home / pattern
+        paths = [path] if path.exists() else map(Path, glob(str(path), recursive=True))
+        files = (file for path in paths for file in (path.rglob("*") if path.is_dir() else [path]))
+        chosen = [file.resolve() for file in files if file.is_file()]
+        if not chosen:
+            file = os.fspath(pattern)
+            raise BadDeclaration(f"data_files of {spec.name} must exist, but there is no file {file!r} in {home}")
+        # The files of an agent's training seed lie in a folder of that name.
+        of_seed = not spec.external and spec.parsed.seed is not None
+        chosen = [file for file in chosen if not of_seed or file.parent.name == str(spec.parsed.seed)]
+        found |= {Path(os.path.relpath(file, home)).as_posix(): file for file in chosen}
+    return found
+
+
+def _uses(name: PolicyName, laws: Iterable[str]) -> dict[str, str]:
+    """Return a hash of each law that a policy uses, with all that its numbers depend on."""
+    digests = {}
     try:
-        return {law: _used(law) for law in getattr(declares, "uses", ()) if law != name.code.text}
+        for law in map(PolicyName.parse, laws):
+            if law.form != "name":
+                raise unknown("law", str(law), names())
+            if law.code != name.code:
+                digests[str(law)] = key.data_digest(resolve(law).identity)
     except (ValueError, TypeError) as problem:
-        raise BadDeclaration(f"uses of {name.text} must be a list of names of laws: {problem}") from problem
-
-
-def _used(law: str) -> str:
-    """Return a hash of a registered law, with all that its numbers depend on."""
-    if PolicyName.parse(law).form != "name":
-        raise unknown("law", law, names())
-    return data_digest(resolve(law).identity)
-
-
-def _factory(name: PolicyName) -> Callable[..., Any]:
-    return controllers.factory(name.registered) if name.form == "name" else external.load(name)
-
-
-def _make(name: PolicyName, env: Any, gains: Mapping[str, Any]) -> Any:
-    match name.form:
-        case "name":
-            return controllers.make(name.registered, env, **({} if name.seed is None else {"seed": name.seed}), **gains)
-        case "archive":
-            interface = env if isinstance(env, Interface) else env.unwrapped.interface
-            return load_zip(name.source, interface, trust=True)
-        case "agent":
-            return saved_agent(env, name.source)
-        case _:
-            return controllers.make(external.load(name), env, **gains)
+        raise BadDeclaration(f"uses of {name} must be a list of names of laws: {problem}") from problem
+    return digests
 
 
 def _example(spec: PolicySpec) -> TwoLinkArmVectorEnv:
     """Return an environment that a policy can be made for; tuned gains are those of a class."""
-    scenario = scenarios.get("-".join([*[*spec.parsed.tuned_files][:1], "nominal"]))
+    scenario = scenarios.get("-".join([*[*spec.tuned][:1], "nominal"]))
     return TwoLinkArmVectorEnv(1, scenario, preview=math.ceil(spec.preview / scenario.control_dt - 1e-9))
-
-
-def _files(*modules: str) -> dict[str, Path]:
-    files = {module: file_of(module) for module in modules}
-    return {module: file for module, file in files.items() if file is not None}
-
-
-def _digest(modules: Mapping[str, Path]) -> str:
-    """Return a hash of a policy's code with its imports, and of the code behind every result."""
-    return code_digest(closure({**_files(*RESULTS), **modules}))

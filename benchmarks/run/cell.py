@@ -7,7 +7,7 @@ from threadpoolctl import threadpool_limits
 
 from benchmarks.policies.isolation import CallLimits, Failed
 from benchmarks.policies.spec import PolicySpec
-from benchmarks.run.contract import broken
+from benchmarks.run.contract import broken, watch
 from benchmarks.run.metrics import measure
 from benchmarks.run.rollout import Trace, rollout_trials
 from benchmarks.run.store import Result, provenance
@@ -63,5 +63,8 @@ def _run(
     with threadpool_limits(1):
         if check and (reason := broken(policy, scenario)):
             raise Failed(reason)
-        traces = map(vars, rollout_trials(policy, scenario, seeds, trials, detailed=detailed))
+        with watch(policy) as seen:
+            traces = [*map(vars, rollout_trials(policy, scenario, seeds, trials, detailed=detailed))]
+        if check and seen.seen:
+            raise Failed("; ".join(seen.seen))
         return [{name: signal for name, signal in trace.items() if name != "scenario"} for trace in traces]

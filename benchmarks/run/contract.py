@@ -1,24 +1,35 @@
-"""The promises of a policy, checked on any policy: `fbl-gym check-policy`."""
+"""The promises of a policy, checked on any policy: `fbl-gym check-policy`.
+
+Before its first run on a scenario, an external policy must keep them too. It acts over a whole
+episode, or its first part: 1000 steps at least, so at least a second, and past the last event.
+"""
 
 import itertools
+import math
 import os
 import traceback
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
+from functools import cached_property
+from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
 
-from benchmarks.policies import external
-from benchmarks.policies.spec import PolicySpec, resolve
+from benchmarks.policies.spec import PolicySpec, build, resolve
+from benchmarks.policies.watch import Watch
 from benchmarks.run.metrics import measure
 from benchmarks.run.rollout import action_of, make_env, rollout
 from benchmarks.text import reason_of
 from controllers.base import leaves
 from fbl_gym import Scenario
 from fbl_gym.model.arm import Array
+from fbl_gym.records.record import ends
 from fbl_gym.scenarios import as_scenario
 
-ARMS, STEPS = 5, 30
+ARMS, FEW = 3, 30
+
+LEAST_STEPS, AFTER = 1000, 0.5
+"""Fewest steps of the episode, if it is not over, and time after the last event [s]."""
 
 LAST_BITS = 1e-4
 """Largest difference of the actions of a batch and of one arm, as a fraction of the limits. A
@@ -41,13 +52,15 @@ class Broken(AssertionError):
 def check(policy: PolicySpec | str, scenario: Scenario | str = "everything-2") -> Iterator[Check]:
     """Check each promise of a policy in turn."""
     spec, task = resolve(policy), as_scenario(scenario)
-    for promise, test in _PROMISES.items():
-        try:
-            yield Check(promise, True, test(spec, task))
-        except Broken as broken:
-            yield Check(promise, False, str(broken))
-        except (Exception, SystemExit) as problem:  # an external policy may raise anything
-            yield Check(promise, False, reason_of(problem) + _position(spec, problem), failed=True)
+    with watch(spec) as seen:
+        trial = _Trial(spec, task, seen)
+        for promise, test in _PROMISES.items():
+            try:
+                yield Check(promise, True, test(trial))
+            except Broken as broken:
+                yield Check(promise, False, str(broken))
+            except (Exception, SystemExit) as problem:  # an external policy may raise anything
+                yield Check(promise, False, reason_of(problem) + _position(spec, problem), failed=True)
 
 
 def broken(policy: PolicySpec, scenario: Scenario) -> str:
@@ -58,9 +71,14 @@ def broken(policy: PolicySpec, scenario: Scenario) -> str:
     return "" if first is None or first.failed else f"breaks a promise ({first.promise}): {first.detail}"
 
 
+def watch(policy: PolicySpec) -> Watch:
+    """Return a context that notes what a policy depends on beside its key."""
+    return Watch(policy.covered, Path(next(iter(policy.files.values()), ".")).parent)
+
+
 def _position(policy: PolicySpec, problem: BaseException) -> str:
     """Return the position of an error in an external policy's files, such as " (my_law.py:12)"."""
-    files = {str(file) for file in external.sources(policy.parsed).values()} if policy.external else set()
+    files = {*policy.files.values()} if policy.external else set()
     lines = [frame for frame in traceback.extract_tb(problem.__traceback__) if frame.filename in files]
     return f" ({os.path.relpath(lines[-1].filename)}:{lines[-1].lineno})" if lines else ""
 
@@ -74,7 +92,7 @@ def _act(policy: Any, observation: Array, state: Any, start: Any = None) -> Any:
     return policy.predict(observation, state=state, episode_start=start, deterministic=True)
 
 
-def _loop(policy: Any, env: Any, steps: int = STEPS, seed: int = 0) -> list[tuple[Array, Array, Any]]:
+def _loop(policy: Any, env: Any, steps: int = FEW, seed: int = 0) -> list[tuple[Array, Array, Any]]:
     """Return observations, actions and states of a closed loop."""
     observation, _ = env.reset(seed=seed)
     state, log = None, []
@@ -85,55 +103,91 @@ def _loop(policy: Any, env: Any, steps: int = STEPS, seed: int = 0) -> list[tupl
     return log
 
 
-def _made_from_the_interface(policy: PolicySpec, scenario: Scenario) -> str:
+class _Trial:
+    """A policy on a scenario, loaded once, with an episode of it."""
+
+    def __init__(self, policy: PolicySpec, scenario: Scenario, seen: Watch) -> None:
+        self.policy, self.scenario, self.seen = policy, scenario, seen
+
+    @cached_property
+    def factory(self) -> Callable[..., Any]:
+        self.policy.check()
+        return self.policy.factory()
+
+    def env(self, lanes: int | None, action: str | None = None, **changes: Any) -> Any:
+        return make_env(self.policy, self.scenario.replace(**changes), lanes, action)
+
+    def make(self, env: Any) -> Any:
+        return build(self.policy.parsed, self.factory, env)
+
+    @cached_property
+    def log(self) -> list[tuple[Array, Array, Any]]:
+        """Observations, actions and states of an episode of `ARMS` seeds from `SEED` on."""
+        dt = self.scenario.control_dt
+        last = max((ends(event.time)[1] for event in self.scenario.events), default=0.0)
+        steps = min(self.scenario.steps, max(LEAST_STEPS, math.ceil((max(last, 0.5) + AFTER) / dt)))
+        env = self.env(ARMS)
+        return _loop(self.make(env), env, steps, SEED)
+
+    def distance(self, actor: Any, env: Any, lanes: int | Sequence[int]) -> float:
+        """Return the largest distance of an actor's actions from those of lanes of the episode.
+
+        It gets the readings of the episode: a closed loop would amplify the last bits, in which a
+        batch may differ. Its environment repeats the actions, as an oracle looks into it.
+        """
+        env.reset(seed=SEED + lanes if isinstance(lanes, int) else [SEED + lane for lane in lanes])
+        worst, state = 0.0, None
+        for observations, actions, _ in self.log:
+            action, state = _act(actor, observations[lanes], state)
+            worst = max(worst, float(np.abs(actions[lanes] - action).max()))
+            if not self.policy.ranked and np.any(env.step(actions[lanes])[2]):  # it diverged
+                break
+        return worst
+
+
+SEED = 10
+
+
+def _made_from_the_interface(trial: _Trial) -> str:
+    policy = trial.policy
     _expect(not policy.problem, policy.problem)
     if not policy.ranked:
         return "no: it knows the truth, so the board shows it without a rank"
-    return f"{type(policy.make(make_env(policy, scenario, 1).interface)).__name__}, access: {policy.access}"
+    return f"{type(trial.make(trial.env(1).interface)).__name__}, access: {policy.access}"
 
 
-def _shapes(policy: PolicySpec, scenario: Scenario) -> str:
-    usual = action_of(scenario)
-    own = policy.kind == "learned" and policy.external  # it may know only the actions of its training
+def _shapes(trial: _Trial) -> str:
+    usual = action_of(trial.scenario)
+    own = trial.policy.kind == "learned" and trial.policy.external  # it may know only the actions of its training
     kinds = (usual,) if own else dict.fromkeys((usual, "torque", "acceleration"))
     for action in kinds:
-        env, single = make_env(policy, scenario, ARMS, action), make_env(policy, scenario, None, action)
+        env, single = trial.env(ARMS, action), trial.env(None, action)
         box = env.interface.action_space
-        for _, actions, _ in _loop(policy.make(env), env):
+        for _, actions, _ in _loop(trial.make(env), env):
             shape = np.shape(actions)
             _expect(shape == (ARMS, 2), f"got shape {shape} for {ARMS} observations ({action})")
             _expect(np.isfinite(actions).all(), f"got {actions} ({action})")
             rounded = np.asarray(actions, box.dtype)  # as a torque limit is
             _expect(((rounded >= box.low) & (rounded <= box.high)).all(), f"got {actions}, outside the box ({action})")
-        for _, one, _ in _loop(policy.make(single), single, 3):
+        for _, one, _ in _loop(trial.make(single), single, 3):
             _expect(np.shape(one) == (2,), f"got shape {np.shape(one)} for one observation ({action})")
     return f"{', '.join(kinds)}, single and batched"
 
 
-def _lanes(policy: PolicySpec, scenario: Scenario) -> str:
-    batch = make_env(policy, scenario, ARMS)
-    log = _loop(policy.make(batch), batch, seed=10)
+def _lanes(trial: _Trial) -> str:
     worst = 0.0
-    for lane in range(ARMS):
-        # The single arm repeats the lane's actions and the policy gets the lane's readings: a
-        # closed loop would amplify the last bits, in which a batch may differ.
-        env = make_env(policy, scenario, None)
-        env.reset(seed=10 + lane)
-        alone, state = policy.make(env), None
-        for observations, actions, _ in log:
-            action, state = _act(alone, observations[lane], state)
-            worst = max(worst, float(np.abs(actions[lane] - action).max()))
-            if env.step(actions[lane])[2]:  # it diverged
-                break
+    for lanes in (ARMS - 1, [*range(ARMS)][::-1], [0, 1]):  # alone, in another order, and in a smaller batch
+        env = trial.env(None if isinstance(lanes, int) else len(lanes))
+        worst = max(worst, trial.distance(trial.make(env), env, lanes))
     _expect(worst < LAST_BITS, f"actions differ by up to {worst:.2g}")
     return f"actions differ by at most {worst:.1e}"
 
 
-def _resets(policy: PolicySpec, scenario: Scenario) -> str:
-    if not policy.ranked:
+def _resets(trial: _Trial) -> str:
+    if not trial.policy.ranked:
         return "not checked: it reads the environment"
-    env = make_env(policy, scenario, 3)
-    actor = policy.make(env)
+    env = trial.env(3)
+    actor = trial.make(env)
     _, _, old = _loop(actor, env)[-1]
     observation, _ = env.reset(seed=5)
     some = np.array([False, True, False])
@@ -145,9 +199,9 @@ def _resets(policy: PolicySpec, scenario: Scenario) -> str:
     return "as promised"
 
 
-def _pure(policy: PolicySpec, scenario: Scenario) -> str:
-    env = make_env(policy, scenario, 2)
-    actor = policy.make(env)
+def _pure(trial: _Trial) -> str:
+    env = trial.env(2)
+    actor = trial.make(env)
     observation, _, state = _loop(actor, env)[-1]
     before = observation.copy(), _copies(state)
     one, two = (_act(actor, observation, state)[0] for _ in range(2))
@@ -155,6 +209,8 @@ def _pure(policy: PolicySpec, scenario: Scenario) -> str:
     _expect(np.array_equal(before[0], observation), "it changed the observation")
     same = all(np.array_equal(a, b) for a, b in zip(before[1], _copies(state), strict=True))
     _expect(same, "it changed the state that it was given")
+    env = trial.env(ARMS)
+    _expect(trial.distance(trial.make(env), env, [*range(ARMS)]) == 0.0, "the same episode gave two different numbers")
     return "the same twice"
 
 
@@ -162,11 +218,11 @@ def _copies(state: Any) -> list[Array]:
     return [np.array(x, copy=True) for x in leaves(state)] if isinstance(state, tuple | list) else []
 
 
-def _blind(policy: PolicySpec, scenario: Scenario) -> str:
-    if not policy.ranked:
+def _blind(trial: _Trial) -> str:
+    if not trial.policy.ranked:
         return "no: it knows the truth"
-    env, *others = (make_env(policy, scenario.replace(parameter_error=ratio), 1) for ratio in (1.0, 0.9, 1.1))
-    actors = [policy.make(other) for other in others]
+    env, *others = (trial.env(1, parameter_error=ratio) for ratio in (1.0, 0.9, 1.1))
+    actors = [trial.make(other) for other in others]
     state = None
     for observation, action, _ in _loop(actors[0], env):
         other, state = _act(actors[1], observation, state)
@@ -176,17 +232,23 @@ def _blind(policy: PolicySpec, scenario: Scenario) -> str:
     return "the same readings gave the same actions"
 
 
-def _episode(policy: PolicySpec, scenario: Scenario) -> str:
-    (row,) = measure(rollout(policy, scenario, [0]))
-    return f"{scenario.name}, seed 0: error {row['error_pct']:.3g} %" + (", diverged" if row["diverged"] else "")
+def _covered(trial: _Trial) -> str:
+    _expect(not trial.seen.seen, "; ".join([*trial.seen.seen][:3]))
+    return "it opened, started and asked for nothing else"
 
 
-_PROMISES: dict[str, Callable[[PolicySpec, Scenario], str]] = {
+def _episode(trial: _Trial) -> str:
+    (row,) = measure(rollout(trial.policy, trial.scenario, [0]))
+    return f"{trial.scenario.name}, seed 0: error {row['error_pct']:.3g} %" + (", diverged" if row["diverged"] else "")
+
+
+_PROMISES: dict[str, Callable[[_Trial], str]] = {
     "is made from the interface alone": _made_from_the_interface,
     "actions have the observations' shape, are finite and lie in the box": _shapes,
     "a lane of a batch acts as a single policy": _lanes,
     "episode_start begins exactly those lanes afresh": _resets,
     "predict is a function of its arguments, and leaves them alone": _pure,
     "hidden parameters do not reach it": _blind,
+    "its numbers depend on nothing beside its key": _covered,
     "runs an episode to its end": _episode,
 }

@@ -89,13 +89,14 @@ def action_of(scenario: Scenario) -> str:
 
 def rollout(
     policy: PolicySpec | str, scenario: Scenario, seeds: Sequence[int], gains: Mapping[str, Any] | None = None,
-    watch: Mapping[str, Watch] | None = None,
+    watch: Mapping[str, Watch] | None = None, *, trust: bool = False,
 ) -> Trace:  # fmt: skip
     """Run one episode for each seed, a lane each, and return the trace.
 
     `gains` are arguments of the policy. `watch` has more signals to record after each step.
+    `trust` allows the code of an archive to run.
     """
-    return rollout_trials(policy, scenario, seeds, 1, gains, watch)[0]
+    return rollout_trials(resolve(policy, trust=trust), scenario, seeds, 1, gains, watch)[0]
 
 
 def rollout_trials(

@@ -9,8 +9,8 @@ import platform
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 
-from benchmarks.policies.digest import PACKAGES, code_digest
 from benchmarks.policies.isolation import CallLimits, Failed, run_parallel
+from benchmarks.policies.key import PACKAGES, data_digest, digests
 from benchmarks.run.cell import run_cell
 from benchmarks.run.store import Result, Store
 from benchmarks.run.suite import Cell
@@ -62,4 +62,4 @@ def _run_in(folder: str, command: str, limits: CallLimits | None, code: str, cel
 def code_of_process() -> str:
     """Return a hash of the packages' code as it was when this process first asked for it."""
     files = [file for package in PACKAGES for file in (ROOT / package).rglob("*.py")]
-    return code_digest({file.relative_to(ROOT).as_posix(): file for file in files})
+    return data_digest(digests({file.relative_to(ROOT).as_posix(): file for file in files}))

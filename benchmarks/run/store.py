@@ -22,14 +22,14 @@ from pathlib import Path
 from typing import Any
 
 from benchmarks.files import write_text
-from benchmarks.policies.digest import data_digest
+from benchmarks.policies.key import data_digest
 from benchmarks.policies.spec import PolicySpec
 from benchmarks.run.metrics import METRICS
 from benchmarks.run.suite import Cell, versions
 from benchmarks.text import visible
 from fbl_gym.reading import read_bytes
 
-FORMAT = 5
+FORMAT = 6
 """Layout of a result's file.
 
 The names in METRICS are part of the layout. Files of another layout are left alone and not read.

@@ -13,12 +13,12 @@ from typing import Any
 
 import controllers
 from benchmarks.agents.policy import best_seed, shipped
-from benchmarks.policies.digest import data_digest
 from benchmarks.policies.isolation import CallLimits
-from benchmarks.policies.spec import PolicySpec, names, resolve, resolve_isolated
+from benchmarks.policies.key import data_digest
+from benchmarks.policies.spec import PolicySpec, names, resolve
 from benchmarks.seeds import SPLITS
 from benchmarks.text import reason_of
-from controllers.registry import LawName
+from controllers.name import PolicyName
 from fbl_gym import Scenario, scenarios
 from fbl_gym.reading import read_bytes
 from fbl_gym.records.checks import check_choice, check_whole, unknown
@@ -55,10 +55,10 @@ class Cell:
     def identity(self) -> dict[str, Any]:
         """All that the cell's numbers depend on, as plain data."""
         policy = self.policy.identity
-        others = {f"gains of {robot}" for robot in CLASSES if robot != self.scenario.robot_class}
+        robot = self.policy.parsed.robot_of(self.scenario.robot_class)
         return {
             **policy,
-            "data": {name: value for name, value in policy["data"].items() if name not in others},
+            "tuned": policy["tuned"].get(robot, {}),
             "scenario": plain_options(self.scenario, "description"),
             "seeds": list(self.seeds),
             **({"packages": versions(self.packages)} if self.packages else {}),
@@ -107,7 +107,7 @@ class Suite:
     """
 
     name: str
-    policies: tuple[PolicySpec | str, ...]
+    policies: tuple[PolicySpec | PolicyName | str, ...]
     scenarios: tuple[Scenario, ...]
     seeds: int
     more_seeds: Mapping[str, int] = field(default_factory=dict)
@@ -122,7 +122,7 @@ class Suite:
     @cached_property
     def cells(self) -> list[Cell]:
         """The cells, scenario by scenario, each with every policy; last those of ceilings."""
-        policies = [*map(resolve_isolated, self.policies)]
+        policies = [*map(resolve, self.policies)]
         seeds = [tuple(SPLITS["test"][: self.more_seeds.get(task.name, self.seeds)]) for task in self.scenarios]
         tasks = [*zip(self.scenarios, seeds, strict=True)]
         cells = [Cell(policy, task, some) for task, some in tasks for policy in policies]
@@ -143,7 +143,9 @@ def training(folder: Path) -> tuple[str, int]:
     return json.dumps(settings, sort_keys=True), seed
 
 
-def members(policies: Iterable[PolicySpec | str], limits: CallLimits | None = None) -> tuple[PolicySpec, ...]:
+def members(
+    policies: Iterable[PolicySpec | PolicyName | str], limits: CallLimits | None = None
+) -> tuple[PolicySpec, ...]:
     """Return the members of a board's policies, each with its rows.
 
     The members of a shipped agent are its training seeds, first that with the smallest validation
@@ -154,15 +156,14 @@ def members(policies: Iterable[PolicySpec | str], limits: CallLimits | None = No
     """
     rows: dict[str, tuple[PolicySpec, ...]] = {}
     runs: dict[str, dict[int, PolicySpec]] = {}
-    given = dict.fromkeys(resolve_isolated(policy, limits) for policy in policies)
+    given = dict.fromkeys(resolve(policy, limits) for policy in policies)
     for spec in given:
         if spec.name in shipped():
             best = best_seed(spec.name)
             seeds = (best, *(seed for seed in shipped()[spec.name] if seed != best))
-            names = [dataclasses.replace(spec.parsed, text=f"{spec.name}@{seed}", seed=seed) for seed in seeds]
-            rows[spec.name] = tuple(map(resolve, names))
+            rows[spec.name] = tuple(resolve(dataclasses.replace(spec.parsed, seed=seed)) for seed in seeds)
             continue
-        if spec.parsed.form == "agent" and Path(spec.name, "run.json").is_file():
+        if spec.parsed.form == "folder" and Path(spec.name, "run.json").is_file():
             settings, seed = training(Path(spec.name))
             if runs.setdefault(settings, {}).setdefault(seed, spec) is spec:
                 continue
@@ -218,7 +219,7 @@ class SuiteSpec:
         meaning: one line.
         tiers: severities of the families of each tier.
         without: laws and agents that are left out of all policies, the tuned ones too.
-        policies: texts that name the policies; empty: all, tuned where they can be.
+        policies: their names; empty: all, tuned where they can be.
         tasks: names, families, files and tables of further scenarios.
         seeds: how many of the test seeds.
         robot: class of robots with whose gains laws are tuned.
@@ -232,7 +233,7 @@ class SuiteSpec:
     meaning: str = ""
     tiers: Mapping[str, tuple[int, ...]] = field(default_factory=dict)
     without: tuple[str, ...] = ()
-    policies: tuple[str, ...] = ()
+    policies: tuple[PolicyName, ...] = ()
     tasks: tuple[Any, ...] = ()
     seeds: int = 32
     robot: str = "servo"
@@ -242,13 +243,13 @@ class SuiteSpec:
     file: Path | None = None
 
     @property
-    def policy_names(self) -> tuple[str, ...]:
-        """The texts that name its policies."""
-        tuned = {LawName.parse(name).law_and_parts for name in controllers.tuned(self.robot)}
+    def policy_names(self) -> tuple[str | PolicyName, ...]:
+        """The names of its policies, or the texts of them."""
+        tuned = {PolicyName.parse(name).law for name in controllers.tuned(self.robot)}
         return self.policies or tuple(
             name for name in names()
-            if (law := LawName.parse(name)).law not in self.without
-            and (law.law_and_parts in tuned if law.tuned else name in PAPER or name not in tuned)
+            if (law := PolicyName.parse(name)).source not in self.without
+            and (law.law in tuned if law.tuned else name in PAPER or name not in tuned)
         )  # fmt: skip
 
     @property
@@ -264,8 +265,8 @@ class SuiteSpec:
         return expand([*members, *tasks])
 
     def build(
-        self, policies: Sequence[PolicySpec | str] = (), tasks: Sequence[str | Mapping[str, Any] | Scenario] = (),
-        seeds: int | None = None, *, short: bool = False, more: Sequence[PolicySpec | str] = (),
+        self, policies: Sequence[PolicySpec | PolicyName | str] = (), tasks: Sequence[str | Mapping[str, Any] | Scenario] = (),
+        seeds: int | None = None, *, short: bool = False, more: Sequence[PolicySpec | PolicyName | str] = (),
         limits: CallLimits | None = None,
     ) -> Suite:  # fmt: skip
         """Return the suite of a board: with the `members` of its policies.
@@ -315,10 +316,11 @@ SUITES: dict[str, SuiteSpec] = {
 }  # fmt: skip
 
 
-def load(name: str) -> SuiteSpec:
+def load(name: str, trust: bool = False) -> SuiteSpec:
     """Return a suite by name, or from a TOML file.
 
     Args:
+        trust: True allows the code of policies that the file names to run.
         name: one of `SUITES`, or the path of a file that ends in .toml. The file has `policies` and
             `scenarios` (names, families, files, or tables with the options of a scenario and
             perhaps a `base`), and may have `seeds` (64).
@@ -337,7 +339,8 @@ def load(name: str) -> SuiteSpec:
         raise ValueError(f"policies of {path} must be a list of names, got {policies!r}; without it, all are meant")
     if not tasks or not isinstance(tasks, list) or not all(isinstance(task, str | dict) for task in tasks):
         raise ValueError(f"scenarios of {path} must be a list of names and tables, got {tasks!r}")
-    return SuiteSpec(path.stem, policies=tuple(policies), tasks=tuple(tasks), seeds=data.get("seeds", 64), file=path)
+    given = tuple(PolicyName.parse(policy, str(path), trust) for policy in policies)
+    return SuiteSpec(path.stem, policies=given, tasks=tuple(tasks), seeds=data.get("seeds", 64), file=path)
 
 
 def expand(tasks: Sequence[str | Mapping[str, Any] | Scenario]) -> tuple[Scenario, ...]:

@@ -32,7 +32,7 @@ def main() -> None:
     if arguments.rounds < 1:
         parser.error(f"argument --rounds: must be at least 1, got {arguments.rounds}")
     if arguments.decisions is not None:
-        ranked = [name for name in load("servo").policy_names if resolve(name).ranked]
+        ranked = [name for name in map(str, load("servo").policy_names) if resolve(name).ranked]
         print(f"{'decision, median microseconds':<42} {'one arm':>8} {'32 arms':>8}")
         for name, one, batch in measure_decisions(arguments.decisions or ranked):
             print(f"{name:<42} {one:>8.0f} {batch:>8.0f}")

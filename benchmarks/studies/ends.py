@@ -14,7 +14,7 @@ from pathlib import Path
 
 import numpy as np
 
-from benchmarks.policies.spec import resolve_isolated
+from benchmarks.policies.spec import resolve
 from benchmarks.run.metrics import counted_errors
 from benchmarks.run.runner import run as run_cells
 from benchmarks.run.store import Result, Store
@@ -111,7 +111,7 @@ def main(argv: Sequence[str] | None = None) -> None:
     arguments = parser.parse_args(argv)
     pushed = axes(arguments.robot)
     store, seeds = Store(arguments.store), tuple(SPLITS["test"][: arguments.seeds])
-    specs = {policy: resolve_isolated(policy) for policy in arguments.policies}
+    specs = {policy: resolve(policy) for policy in arguments.policies}
     cells = {
         (policy, title, value): Cell(spec, task.replace(name=f"{title.partition(' [')[0]} {value:g}"), seeds)
         for policy, spec in specs.items() for title, tasks in pushed.items() for value, task in tasks.items()

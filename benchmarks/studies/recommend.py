@@ -17,7 +17,7 @@ import numpy as np
 import controllers
 from benchmarks.analysis.statistics import proportion, tail_mean
 from benchmarks.analysis.transfer import Runs
-from benchmarks.policies.spec import resolve_isolated
+from benchmarks.policies.spec import resolve
 from benchmarks.run.rollout import reference_motion
 from benchmarks.run.store import Result
 from benchmarks.run.suite import Cell, Suite
@@ -226,7 +226,7 @@ def candidates(robots: Sequence[str]) -> list[str]:
     """
     without = ("zero", "computed-torque-ilc")
     known = (*controllers.names(), *(name for robot in robots for name in controllers.tuned(robot)))
-    return [name for name in known if (spec := resolve_isolated(name)).ranked and spec.parsed.source not in without]
+    return [name for name in known if (spec := resolve(name)).ranked and spec.parsed.source not in without]
 
 
 @dataclass(frozen=True)

@@ -13,7 +13,7 @@ from functools import partial
 from pathlib import Path
 
 from benchmarks.policies.isolation import Failed, run_parallel
-from benchmarks.policies.spec import resolve, resolve_isolated
+from benchmarks.policies.spec import resolve
 from benchmarks.run.store import provenance
 from benchmarks.seeds import SPLITS
 from benchmarks.studies.recommend import Likeness, around
@@ -46,7 +46,7 @@ def tasks_of(base: Scenario, policies: Sequence[str]) -> list[Task]:
     conditions = around(practice(base))
     scenarios = conditions["as described"], conditions["everything"]
     tasks: dict[str, Task] = {}
-    for spec in map(resolve_isolated, policies):
+    for spec in map(resolve, policies):
         if not spec.parsed.gains and not spec.external:
             try:
                 tasks.setdefault(spec.parsed.law, Task(resolve(spec.parsed.law), scenarios, SEEDS))

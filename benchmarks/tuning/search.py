@@ -28,7 +28,6 @@ import numpy as np
 
 from benchmarks.analysis.statistics import DIVERGENCE_PENALTY
 from benchmarks.files import write_text
-from benchmarks.policies.name import PolicyName
 from benchmarks.policies.spec import PolicySpec, resolve
 from benchmarks.run.metrics import counted_errors, measure
 from benchmarks.run.rollout import rollout
@@ -36,7 +35,7 @@ from benchmarks.run.store import provenance
 from benchmarks.run.suite import Cell
 from benchmarks.seeds import SPLITS
 from controllers import registry
-from controllers.gains import expect_law, gains_file
+from controllers.name import PolicyName, expect_law, gains_file
 from fbl_gym import Scenario, scenarios
 from fbl_gym.reading import read_bytes
 from fbl_gym.records.record import set_fields, tuning_ranges
@@ -244,7 +243,7 @@ def summary(
     done, columns = finished(study), ("trial", "objective", "diverged_pct")
     judged = [{name: verdict[name] for name in columns} for verdict in verdicts]
     return {
-        "policy": task.policy.parsed.code.text,
+        "policy": str(task.policy.parsed.code),
         "gains": verdicts[0]["gains"] or task.defaults,
         "trials": task.effort(len(done), sum(t.user_attrs.get("cpu_s", 0.0) for t in done)),
         "judged": {
@@ -282,7 +281,7 @@ def write_gains(summary: dict[str, Any], folder: Path) -> Path:
     Raises:
         ValueError: the file has the gains of another law.
     """
-    path = gains_file(PolicyName.parse(summary["policy"]).code.text, folder)
+    path = gains_file(str(PolicyName.parse(summary["policy"]).code), folder)
     if path.exists():
         expect_law(summary["policy"], path, json.loads(read_bytes(path)))
     lines = ",\n".join(f" {json.dumps(key)}: {json.dumps(value)}" for key, value in summary.items())

@@ -12,12 +12,12 @@ from benchmarks.analysis.curves import read_groups
 from benchmarks.cli.train import _hyperparameters
 from benchmarks.files import write_text
 from benchmarks.identification import logs
-from benchmarks.policies.external import file_digest
+from benchmarks.policies.key import file_digest
 from benchmarks.report.export import write_runs
 from benchmarks.run.metrics import METRICS
 from benchmarks.run.store import Store
 from benchmarks.run.suite import load
-from controllers.gains import read_gains
+from controllers.name import PolicyName
 from fbl_gym import reading, scenarios
 from fbl_gym.model.urdf import load_urdf
 
@@ -31,7 +31,7 @@ READERS = {
     "suite.toml": load,
     "log.csv": lambda path: logs.read(Path(path)),
     "log.csv.gz": lambda path: logs.read(Path(path)),
-    "gains.json": lambda path: read_gains("pd-gravity", (path,)),
+    "gains.json": lambda path: PolicyName.parse(f"pd-gravity@{path}").given_gains,
     "weights.npz": lambda path: write_text(Path("agent.json"), DESCRIPTION) or read(Path()),
     "agent.json": lambda path: read(Path()),
     "run.json": lambda path: read_groups([Path()]),

@@ -4,19 +4,17 @@ import json
 import shutil
 import subprocess
 import sys
-from importlib import metadata
 from pathlib import Path
 
 import pytest
 
 from benchmarks.agents.policy import SHIPPED
-from benchmarks.policies import digest
-from benchmarks.policies.digest import file_of, source_digest
-from benchmarks.policies.name import PolicyName
-from benchmarks.policies.spec import PolicySpec, resolve
+from benchmarks.policies import key as keys
+from benchmarks.policies.spec import PolicySpec, _resolved, resolve
 from benchmarks.run.cell import run_cell
 from benchmarks.run.suite import Cell
-from controllers.registry import ENTRY_POINTS
+from controllers.name import PolicyName
+from fbl_gym.neighbours import ROOT
 
 LAW = "from controllers.laws.simple import Zero as make_policy\n"
 SUBCLASS = "from controllers.laws.simple import Zero\n\n\nclass make_policy(Zero):\n"
@@ -53,23 +51,21 @@ def test_the_key_of_a_training_seed_follows_its_own_weights():
     assert folders == {"ppo-memory@1": {"1"}, "ppo-memory": {"0", "1", "2"}}
 
 
-def test_the_key_follows_the_code_of_an_external_policy(tmp_path):
-    """Comments, docstrings and layout do not count."""
+def test_the_key_follows_the_bytes_of_an_external_policy(tmp_path):
+    """A docstring counts too, as the law may read it."""
     file = tmp_path / "mine.py"
 
     def key(text):
         file.write_text(text)
         return Cell(str(file), "nominal", (0,)).key
 
-    before = key(f"{SUBCLASS}    gain = 2.0 * 3.0\n")
-    described = SUBCLASS.replace("Zero):", 'Zero):  # a sentence\n    """A law."""')
-    assert key(f'"""A module."""\n\n{described}    gain = (2.0 *\n      3.0)\n    """Its gain."""\n') == before
-    assert len({before, *(key(f"{SUBCLASS}    gain = {gain}\n") for gain in ("2.0 * 3.1", "2.0 + 3.0"))}) == 3
+    texts = [f"{SUBCLASS}    {body}\n" for body in ("gain = 2.0", "gain = 3.0", "'2.0'\n    gain = float(__doc__)")]
+    assert len({*map(key, texts)}) == 3
 
 
 def test_the_key_follows_all_that_an_external_file_imports(tmp_path):
     files = {
-        "mine": f"def late():\n    import helper\n{LAW}",
+        "mine": f"import importlib\nimportlib.import_module('helper')\n{LAW}",
         "helper": "from parts import deep\n",
         "parts/__init__": "",
         "parts/deep": "from .deeper import x\n",
@@ -77,32 +73,30 @@ def test_the_key_follows_all_that_an_external_file_imports(tmp_path):
         "other": "",
     }
     tree(tmp_path, files)
-    keys = [Cell(str(tmp_path / "mine.py"), "nominal", (0,)).key]
+    all_keys = [Cell(str(tmp_path / "mine.py"), "nominal", (0,)).key]
     for name in ("helper", "parts/__init__", "parts/deep", "parts/deeper"):
         with (tmp_path / f"{name}.py").open("a") as file:
             file.write("changed = True\n")
-        keys.append(Cell(str(tmp_path / "mine.py"), "nominal", (0,)).key)
-    assert len(set(keys)) == 5
+        all_keys.append(Cell(str(tmp_path / "mine.py"), "nominal", (0,)).key)
+    assert len(set(all_keys)) == 5
     (tmp_path / "other.py").write_text("nobody = 'imports it'\n")
-    assert Cell(str(tmp_path / "mine.py"), "nominal", (0,)).key == keys[-1]
+    assert Cell(str(tmp_path / "mine.py"), "nominal", (0,)).key == all_keys[-1]
 
 
-def test_the_key_follows_the_package_of_an_external_policy(tmp_path, monkeypatch):
-    """Named by a module, or by an entry point; a built-in name stays built-in."""
-    monkeypatch.syspath_prepend(tmp_path)
-    tree(tmp_path, {"external_laws/part/law": LAW, "external_laws/gains": ""})
+@pytest.mark.parametrize("folder", ["lib", "site-packages"])
+def test_the_key_follows_the_package_of_an_external_policy(folder, tmp_path, monkeypatch):
+    """Named by a module, or by an entry point, installed in place or not; a built-in name stays built-in."""
+    monkeypatch.syspath_prepend(tmp_path / folder)
+    tree(tmp_path / folder, {"external_laws/part/law": f"import external_laws.gains\n{LAW}", "external_laws/gains": ""})
     factory = "external_laws.part.law:make_policy"
-    points = tuple(metadata.EntryPoint(name, factory, ENTRY_POINTS) for name in ("theirs", "pid-flm"))
-    monkeypatch.setattr("controllers.registry.entry_points", lambda: points)
+    points = tmp_path / folder / "theirs-1.0.dist-info" / "entry_points.txt"
+    points.parent.mkdir()
+    points.write_text(f"[fbl_gym.policies]\ntheirs = {factory}\npid-flm = {factory}\n")
     policies = (factory, "theirs", "pid-flm")
-
-    def keys():
-        monkeypatch.setattr("benchmarks.policies.spec._RESOLVED", {})
-        return [Cell(name, "nominal", (0,)).key for name in policies]
-
-    before = keys()
-    tree(tmp_path, {"external_laws/gains": "changed = True\n"})
-    assert [old == new for old, new in zip(before, keys(), strict=True)] == [False, False, True]
+    before = [Cell(name, "nominal", (0,)).key for name in policies]
+    tree(tmp_path / folder, {"external_laws/gains": "changed = True\n"})
+    after = [Cell(name, "nominal", (0,)).key for name in policies]
+    assert [old == new for old, new in zip(before, after, strict=True)] == [False, False, True]
     assert [resolve(name).external for name in policies] == [True, True, False]
 
 
@@ -122,7 +116,7 @@ def test_a_wrong_declaration_is_a_failed_cell(declares, error, tmp_path):
 
 @pytest.mark.parametrize(
     ("policy", "texts"),
-    [("law.py", ("1", "2")), ("pd-gravity@one@two", ('{"frequency": 8}', '{"damping": 0.7}'))],
+    [("law.py", ("1", "2")), ("pd-gravity@one@two", ('{"frequency": 8}', '{"frequency": 9}'))],
     ids=["data", "gains"],
 )
 def test_exchanged_contents_of_two_files_change_the_key(policy, texts, folder):
@@ -146,9 +140,9 @@ def test_the_key_follows_the_gains_of_a_file_and_not_how_they_were_found(tmp_pat
 
 def edit(monkeypatch, module):
     """As if the module had other code."""
-    real, text = source_digest, file_of(module).read_bytes()
-    monkeypatch.setattr(digest, "source_digest", lambda source: "edited" if source == text else real(source))
-    monkeypatch.setattr("benchmarks.policies.spec._RESOLVED", {})
+    real, edited = keys.file_digest, ROOT.joinpath(*module.split(".")).with_suffix(".py")
+    monkeypatch.setattr(keys, "file_digest", lambda path: "edited" if Path(path) == edited else real(path))
+    monkeypatch.setattr(keys, "shared", keys.shared.__wrapped__)
 
 
 @pytest.mark.parametrize(
@@ -171,9 +165,9 @@ def test_a_law_depends_on_its_modules_the_kernel_and_the_metrics_but_on_no_other
     description = json.loads((folder / "agent" / "agent.json").read_text())
     description["interface"] |= {"base": "sliding-mode"}
     (folder / "agent" / "agent.json").write_text(json.dumps(description))
-    before = resolve(policy).identity
+    before = _resolved(PolicyName.parse(policy)).identity
     edit(monkeypatch, module)
-    assert (resolve(policy).identity != before) == stale
+    assert (_resolved(PolicyName.parse(policy)).identity != before) == stale
 
 
 def test_a_law_that_changes_while_its_board_runs_is_a_failed_cell(tmp_path):
@@ -188,7 +182,7 @@ def test_a_law_that_changes_while_its_board_runs_is_a_failed_cell(tmp_path):
 
 
 def test_a_name_of_the_package_wins_over_a_folder_of_that_name(folder):
-    agent = file_of("benchmarks.agents.policy").parent / "shipped" / "ppo-blend" / "1"
+    agent = SHIPPED / "ppo-blend" / "1"
     for name in ("oracle-flm", "mine"):
         (folder / name).mkdir()
         for file in agent.iterdir():
@@ -222,6 +216,6 @@ def test_a_path_may_contain_a_colon(text, parts):
 def test_an_agent_has_a_key_without_the_packages_of_other_policies():
     """Its base law alone is resolved with it."""
     code = "import sys; sys.modules |= dict.fromkeys(('casadi', 'torch', 'mujoco', 'pygame'))\n"
-    code += "from benchmarks.policies.spec import resolve; print(resolve('ppo-blend').digest)"
+    code += "from benchmarks.policies.spec import resolve; print(resolve('ppo-blend').identity)"
     result = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    assert result.stdout.strip() == resolve("ppo-blend").digest
+    assert result.stdout.strip() == str(resolve("ppo-blend").identity)

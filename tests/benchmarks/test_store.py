@@ -11,8 +11,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from benchmarks.policies.digest import data_digest
 from benchmarks.policies.isolation import Failed, run_parallel
+from benchmarks.policies.key import data_digest
 from benchmarks.run import cell as cell_module
 from benchmarks.run import store as store_module
 from benchmarks.run.cell import run_cell

@@ -83,7 +83,7 @@ def studies(folder):
 
 
 def test_tune_goes_on_where_it_stopped(tmp_path, monkeypatch, fbl_gym):
-    monkeypatch.setattr("controllers.registry.TUNED", tmp_path)
+    monkeypatch.setattr("controllers.name.TUNED", tmp_path)
     few = ["--seeds", "2", "--fresh-seeds", "3", "--candidates", "2", "--scenarios", "nominal"]
     arguments = ["tune", "pid-flm", *few, "--storage", f"sqlite:///{tmp_path}/studies.db", "--ship"]
     fbl_gym([*arguments, "--trials", "1"])
@@ -195,7 +195,7 @@ def test_a_gain_at_the_edge_of_its_range_is_named():
 
 
 def test_a_class_has_its_own_practice_and_folder(tmp_path, monkeypatch, fbl_gym):
-    monkeypatch.setattr("controllers.registry.TUNED", tmp_path)
+    monkeypatch.setattr("controllers.name.TUNED", tmp_path)
     for robot in ("servo", "direct", "geared"):
         tried, judged = scenarios_of(robot)
         assert set(tried) < set(judged) == set(scenarios.in_tier(f"{robot}-practice"))

@@ -105,7 +105,7 @@ def test_a_name_may_end_in_gains(tmp_path, monkeypatch):
 
 def test_gains_of_a_class(tmp_path, monkeypatch):
     """Those of its folder; where there are none, the error says how to find some."""
-    monkeypatch.setattr(registry, "TUNED", tmp_path)
+    monkeypatch.setattr("controllers.name.TUNED", tmp_path)
     for robot, frequency in (("geared", 3.0), ("direct", 4.0)):
         (tmp_path / robot).mkdir()
         (tmp_path / robot / "pd-gravity.json").write_text(json.dumps({"gains": {"frequency": frequency}}))
@@ -125,16 +125,14 @@ TASKS = ("direct-nominal", "geared-nominal")
 
 
 def test_results_follow_the_gains_of_every_class(tmp_path, monkeypatch):
-    monkeypatch.setattr(registry, "TUNED", tmp_path)
-    monkeypatch.setattr("benchmarks.policies.spec._RESOLVED", {})
+    monkeypatch.setattr("controllers.name.TUNED", tmp_path)
     for robot in ("geared", "direct"):
         (tmp_path / robot).mkdir()
         (tmp_path / robot / "pd-gravity.json").write_text('{"gains": {"frequency": 3.0}}')
     first, cells = resolve("pd-gravity@tuned").identity, [Cell("pd-gravity@tuned", task, (0,)).key for task in TASKS]
     (tmp_path / "geared" / "pd-gravity.json").write_text('{"gains": {"frequency": 5.0}}')
-    monkeypatch.setattr("benchmarks.policies.spec._RESOLVED", {})
     second = resolve("pd-gravity@tuned").identity
-    assert {name for name in first if first[name] != second[name]} == {"data"}
+    assert {name for name in first if first[name] != second[name]} == {"tuned"}
     same = [Cell("pd-gravity@tuned", task, (0,)).key == key for task, key in zip(TASKS, cells, strict=True)]
     assert same == [True, False]  # a cell follows those of its own class
 

@@ -18,8 +18,7 @@ import controllers
 import fbl_gym
 from benchmarks.agents.adapter import AdapterSettings
 from benchmarks.agents.sb3 import ALGORITHMS, find_class, load_zip
-from benchmarks.policies import external
-from benchmarks.policies.name import PolicyName
+from benchmarks.policies.loading import Untrusted
 from benchmarks.policies.spec import resolve
 from benchmarks.training.export import export
 from benchmarks.training.vec_env import ArmVecEnv, VectorAdapter
@@ -99,9 +98,10 @@ def test_a_zip_of_single_precision_or_monitored_by_sb3_acts_as_it_was_saved(tmp_
 def test_an_archive_of_any_algorithm_acts_as_it_was_saved(algorithm, tmp_path):
     env = TwoLinkArmEnv()
     model, path = save_model(tmp_path, env, algorithm)
-    external.trust(PolicyName.parse(str(path)))
+    with pytest.raises(Untrusted, match=r"give --trust if you trust its source \(in Python, trust=True\)"):
+        resolve(str(path))
     observation, _ = env.reset(seed=0)
-    same_action(resolve(str(path)).make(env), model, observation)
+    same_action(resolve(str(path), trust=True).make(env), model, observation)
 
 
 @pytest.mark.parametrize(
@@ -163,10 +163,9 @@ def test_an_archive_of_stacked_frames_acts_on_the_arm_as_it_was_saved(padding, t
 
 def test_an_archive_of_the_tracking_environment_acts_on_any_arm(tmp_path):
     _, path = save_model(tmp_path, TwoLinkArmTrackingEnv())
-    external.trust(PolicyName.parse(str(path)))
     for scenario in ("everything-2", "servo-everything-2"):
         env = TwoLinkArmEnv(scenario)
-        action, _ = resolve(str(path)).make(env).predict(env.reset(seed=0)[0])
+        action, _ = resolve(str(path), trust=True).make(env).predict(env.reset(seed=0)[0])
         assert env.action_space.contains(action)
     with pytest.raises(ValueError, match="observation_space must be"):
         load_zip(path, TwoLinkArmEnv(sensors=("position",)).interface, trust=True)
