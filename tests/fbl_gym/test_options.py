@@ -17,8 +17,8 @@ from gymnasium.envs.registration import EnvSpec
 
 from fbl_gym import Scenario, TwoLinkArmEnv
 from fbl_gym.kernel.maths.streams import stream_key
-from fbl_gym.kernel.memory.layout import EVENT_ROWS, FIRST_VARIED, LANES, VARIED
 from fbl_gym.kernel.memory import layout as memory
+from fbl_gym.kernel.memory.layout import EVENT_ROWS, FIRST_VARIED, LANES, VARIED
 from fbl_gym.records.descriptions import describe
 from tests.fbl_gym.declared import FIELDS, LEAVES, NUMBERS, VARYING
 from tests.fbl_gym.episodes import ID, started_batch
