@@ -23,14 +23,14 @@ from fbl_gym.kernel.memory.program import Program
 from fbl_gym.kernel.step import api
 from fbl_gym.model.arm import Array
 from fbl_gym.model.chain import HINGE
-from fbl_gym.options import MuJoCo
+from fbl_gym.options import MuJoCo, ParameterError
 from fbl_gym.scenarios import Scenario
 
 _POINT_INERTIA = 1e-12
 """Moment of inertia of a point mass [kg m^2]; MuJoCo refuses zero."""
 
 _REAL = (
-    "parameters", "centre_ratio", "inertia_ratio", "rotor_ratio", "payload", "payload_offset", "payload_radius",
+    "parameters", "centre_ratio", "inertia_ratio", "rotor_ratio", "payload", "held_payload", "payload_offset", "payload_radius",
     "viscous", "coulomb", "stiction", "load_friction", "stiffness", "damping", "backlash", "bend_rate",
 )  # fmt: skip
 _MODEL = np.dtype([(name, np.float64, BLOCK[name].shape[:-1]) for name in _REAL])
@@ -242,9 +242,9 @@ def _plant(scenario: Scenario) -> MuJoCo:
 def _describe(scenario: Scenario, real: np.void) -> str:
     """Return the arm in MuJoCo's language: x to the right, y up, hinges about z."""
     plant, (_, _, L1, L2) = _plant(scenario), real["parameters"]
-    payload, radius = real["payload"], real["payload_radius"]
-    load = f'<body pos="{L2} 0 0">{_mass(payload, real["payload_offset"], payload * radius**2)}</body>'
-    load = load if payload > 0 else ""
+    held = real["held_payload"]
+    loads = (held, real["payload_offset"], held * real["payload_radius"] ** 2), (real["payload"] - held, 0.0, 0.0)
+    load = "".join(f'<body pos="{L2} 0 0">{_mass(*load)}</body>' for load in loads if load[0] > 0)
     second = f'<body pos="{L1} 0 0">{_link(scenario, real, 1, load)}</body>'
     return f"""
     <mujoco>
@@ -268,8 +268,10 @@ def _link(scenario: Scenario, real: np.void, joint: int, end: str) -> str:
     if scenario.joint is not None:
         hinge = f'<joint axis="0 0 1" {drive} solimpfriction="{_HARD}"/>'
         hinge += f'<joint axis="0 0 1" stiffness="{real["stiffness"][joint]}" damping="{real["damping"][joint]}"/>'
-    centre = arm.centre[joint] * real["centre_ratio"][joint] * length  # type: ignore[index]
-    inertia = arm.inertia[joint] * real["inertia_ratio"][joint] * mass * length**2  # type: ignore[index]
+    error, m, L = scenario.parameter_error or ParameterError(), (arm.m1, arm.m2)[joint], (arm.L1, arm.L2)[joint]
+    centre = arm.centre[joint] * real["centre_ratio"][joint] * (length if error.centre is None else L)  # type: ignore[index]
+    moment = mass * length**2 if error.inertia is None else m * L**2
+    inertia = arm.inertia[joint] * real["inertia_ratio"][joint] * moment  # type: ignore[index]
     if scenario.link is None:
         return hinge + _mass(mass, centre, inertia) + end
     # Both halves have the whole link's centre: a link that does not bend is the rigid one.

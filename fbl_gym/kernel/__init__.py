@@ -9,7 +9,7 @@ names the numbers that the kernel reads and writes. The functions share these ar
     tables      arrays that the scenario contains, one after the other
     block       a record of the type `memory.BLOCK`
     rows        the same memory as an array [rows x LANES]
-    queue       last torque commands of the block [depth x joint x lane]
+    queue       last torque commands of the block [depth x (both joints, its own delay) x lane]
     waypoints   way-points, levels or phases of its reference [points x joint x lane]
     width       number of lanes that are computed
     lane        number of a lane within the block

@@ -22,8 +22,9 @@ class Actuator(Record):
         delay_samples: control samples from reading to command, which adds to `delay`; a draw is
             rounded to a whole number.
         rate_limit: largest change of the torque per time, before the lag; None: no limit.
-        jitter: longest further delay of a command, a multiple of physics_dt; each control sample
-            draws its own between 0 and this. A late command does not bring back an older one.
+        jitter: longest further delay of a command, a multiple of physics_dt; each command has its
+            own draw between 0 and this. The newest command that has arrived acts; an older one
+            that arrives after it is ignored, as on a sampled fieldbus.
         ripple: amplitude of a torque that is a sine of the drive's angle, with a phase that each
             episode draws: cogging, and the errors of current sensors and gears.
         ripple_order: periods of the ripple in a turn of the joint.

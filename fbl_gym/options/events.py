@@ -34,10 +34,10 @@ class _Event(Record):
 
 @dataclass(frozen=True)
 class PickUp(_Event):
-    """A grasp: a mass at rest joins the tip, on top of any other payload.
+    """A grasp: a point mass at rest joins the tip, on top of any other payload.
 
     The grasp is inelastic. The arm shares its momentum, M_after v_after = M_before v_before, and
-    loses energy.
+    loses energy. Offset and radius of `parameter_error.payload` are those of that payload alone.
 
     Args:
         mass: of the payload.
@@ -75,8 +75,10 @@ class FrictionChange(_Event):
 class DriveChange(_Event):
     """Torque of the drives times a factor from now on, such as 0.5 where half of it is lost.
 
+    The torque ripple is part of a drive's torque: the factor multiplies it too.
+
     Args:
-        factor: on the torque before; 0: the drive has failed.
+        factor: on the torque before; 0: the drive has failed and gives none, no ripple either.
     """
 
     factor: Numbers = pair(varies=True, low=0)

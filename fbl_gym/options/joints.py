@@ -3,13 +3,15 @@
 With the motor's angle th behind its gear, the link's angle q and the rotor's inertia B:
 
     B th'' = tau - tau_s - F(th')        M(q) q'' + C(q, q') q' + G(q) = tau_s - tau_d
-    tau_s = K dz(th - q) + D (th' - q')
+    tau_s = K dz(x) + D x'        x = th - q
 
 dz(x) is zero while x is within half the backlash, and its distance to the gap beyond. In the gap
-the damper does not act either. Friction F acts on the motor, the disturbance tau_d on the link. The
-rotors' coupling through the motion of the links is left out, as is usual for high gear ratios
-(Spong, "Modeling and control of elastic joint robots", ASME J. Dyn. Syst. Meas. Control 109, 1987;
-De Luca and Book, "Robots with flexible elements", Springer Handbook of Robotics, chapter 11).
+the damper does not act either: tau_s = 0. Teeth push and never pull: with backlash, tau_s = 0 also
+where the sum and x have opposite signs, as where the damper exceeds the spring while teeth part.
+Friction F acts on the motor, the disturbance tau_d on the link. The rotors' coupling through the
+motion of the links is left out, as is usual for high gear ratios (Spong, "Modeling and control of
+elastic joint robots", ASME J. Dyn. Syst. Meas. Control 109, 1987; De Luca and Book, "Robots with
+flexible elements", Springer Handbook of Robotics, chapter 11).
 """
 
 from dataclasses import dataclass

@@ -9,6 +9,10 @@ I is the moment of inertia that turns on the hinge of a straight nominal arm wit
 the other hinge and the joints held. The encoders are at the joints, before the hinges: they do not
 see the bend, and policies are not told of it. Joints may be elastic, too (`options/joints.py`).
 `model/chain.py` has M and h.
+
+An episode starts with the hinges at rest and balanced, k b = -h(q, b, q', 0) to 1e-9 rad. Under a
+payload or heavier links than the nominal ones, soft hinges may buckle; the balance is then a stable
+one, far from straight. If the joints turn too fast for a balance, it is that at rest, q' = 0.
 """
 
 from dataclasses import dataclass

@@ -4,7 +4,6 @@ The nominal model stays fixed and the real arm varies around it, as in the paper
 parameter error is a ratio real / nominal.
 """
 
-import dataclasses
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, Literal
@@ -32,6 +31,8 @@ class Payload(Record):
         drop: time at which the arm releases it, later than `pick_up`; None: never.
         offset: from the tip to its centre, along the second link.
         radius: its radius of gyration about its centre; 0: a point.
+
+    A mass of `events.PickUp` hangs at the tip, with neither.
     """
 
     mass: Number = number(unit="kg", varies=True, low=0)
@@ -78,6 +79,14 @@ def times(nominal: Any, ratio: Any, end: int) -> Pair:
     return first, second
 
 
+def _fraction(nominal: Any, ratio: Any, unit: Pair, end: int) -> Pair:
+    """Return `times` as fractions of a unit real / nominal; without a ratio, the nominal ones."""
+    if ratio is None:
+        return nominal
+    first, second = times(nominal, ratio, end)
+    return first / unit[0], second / unit[1]
+
+
 @dataclass(frozen=True)
 class ParameterError(Record):
     """Real parameters that differ from the nominal ones.
@@ -90,9 +99,11 @@ class ParameterError(Record):
         parameters: the parameters that the radius varies.
         sampling: "each" draws one factor per parameter, "together" one for all.
         payload: a mass carried at the tip.
-        centre: real / nominal, of the distance from each joint to its link's centre of mass.
-        inertia: of each link's moment of inertia about its centre.
-        rotor: of each rotor's inertia.
+        centre: real / nominal, of the distance from each joint to its link's centre of mass,
+            whatever the length; None: the centre is at the same fraction of the real length.
+        inertia: real / nominal, of each link's moment of inertia about its centre, whatever mass
+            and length; None: it grows with the real mass and the square of the real length.
+        rotor: real / nominal, of each rotor's inertia.
     """
 
     ratio: float | Ratios | Mapping[str, float] = declared(
@@ -102,8 +113,8 @@ class ParameterError(Record):
     parameters: tuple[str, ...] = choices(PARAMETERS, PARAMETERS)
     sampling: Literal["each", "together"] = choice("each", ("each", "together"))
     payload: Payload | Mapping[str, Any] | float | None = record(Payload, None, scalar="mass")
-    centre: Numbers = pair(1.0, varies=True, above=0)
-    inertia: Numbers = pair(1.0, varies=True, low=0)
+    centre: Numbers | None = pair(None, varies=True, above=0)
+    inertia: Numbers | None = pair(None, varies=True, low=0)
     rotor: Numbers = pair(1.0, varies=True, above=0)
 
     def lightest(self, arm: ArmParameters) -> list[ArmParameters]:
@@ -114,13 +125,15 @@ class ParameterError(Record):
         m1, m2, L1, L2 = (getattr(arm, name) * ratio for name, ratio in zip(PARAMETERS, self.ratio, strict=True))  # type: ignore[arg-type]
         s1, s2, s3, s4 = (1.0 + self.radius if name in self.parameters else 1.0 for name in PARAMETERS)
         lengths = [(L1 * x1, L2 * x2) for x1 in {1.0 / s3, s3} for x2 in {1.0 / s4, s4}]
-        inertia, rotor = times(arm.inertia, self.inertia, 0), times(arm.rotor, self.rotor, 0)
-        links = {"m1": m1 / s1, "m2": m2 / s2, "inertia": inertia, "rotor": rotor}
-        return [
-            dataclasses.replace(arm, L1=x1, L2=x2, centre=centre, **links)
-            for x1, x2 in lengths
-            for centre in {times(arm.centre, self.centre, end) for end in (0, 1)}
-        ]
+        m1, m2, rotor = m1 / s1, m2 / s2, times(arm.rotor, self.rotor, 0)
+        arms = []
+        for x1, x2 in lengths:
+            longer = x1 / arm.L1, x2 / arm.L2
+            larger = m1 / arm.m1 * longer[0] ** 2, m2 / arm.m2 * longer[1] ** 2
+            inertia = _fraction(arm.inertia, self.inertia, larger, 0)
+            centres = {_fraction(arm.centre, self.centre, longer, end) for end in (0, 1)}
+            arms += [ArmParameters(m1, m2, x1, x2, arm.gravity, centre, inertia, rotor) for centre in centres]
+        return arms
 
     def pack(self, packer: Any) -> None:
         """Write ratio, radius and payload."""
@@ -129,6 +142,8 @@ class ParameterError(Record):
         settings["log_radius"] = [radius if name in self.parameters else 0.0 for name in PARAMETERS]
         settings["drawn_together"] = self.sampling == "together"
         for name in ("centre", "inertia", "rotor"):
-            packer.vary(f"{name}_ratio", getattr(self, name), f"parameter_error.{name}")
+            ratio = getattr(self, name)
+            packer.vary(f"{name}_ratio", (1.0, 1.0) if ratio is None else ratio, f"parameter_error.{name}")
+        settings["in_proportion"] = self.centre is None, self.inertia is None
         if isinstance(self.payload, Payload):
             self.payload.pack(packer)

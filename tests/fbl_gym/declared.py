@@ -21,6 +21,7 @@ BASES = {
     "actuator.ripple_order": {"ripple": 1.0},
     "friction.law": {"stiction": 1.0},
     "parameter_error.parameters": {"radius": 0.5},
+    "parameter_error.centre": {"centre": 1.0},  # a quarter of it is too near to the hinge of `link`
 }
 """Fields of the same record beside which a record is valid, or a field acts."""
 

@@ -127,15 +127,17 @@ def test_previous_actions_are_those_on_their_way(actuator, count):
         assert observation in env.observation_space
 
 
-def test_a_drive_that_fails_gives_no_torque_at_once_whatever_its_lag():
-    event = {"kind": "drive", "time": 0.02, "factor": (0.0, 1.0)}
+@pytest.mark.parametrize("actuator", [{"lag": 0.05}, {"ripple": (8.0, 3.0)}, {"ripple": 5.0, "lag": 0.05, "gain": 0.9}])
+@pytest.mark.parametrize("joint", [None, 1e4])
+def test_a_drive_that_fails_gives_no_torque_at_once_whatever_its_lag_and_ripple(actuator, joint):
+    event = {"kind": "drive", "time": 0.02, "factor": (0.0, 0.5)}
+    options = {"actuator": actuator, "joint": joint, "arm": {"rotor": 1e9}}  # which hardly turns
     applied, healthy = (
-        watch("applied_torque", torque=JUMP, steps=40, actuator={"lag": 0.05}, events=events)[0]
-        for events in ([event], [])
+        watch("applied_torque", torque=JUMP, steps=40, events=events, **options)[0] for events in ([event], [])
     )
     np.testing.assert_array_equal(applied[:21], healthy[:21])
     np.testing.assert_array_equal(applied[21:, 0], 0.0)
-    np.testing.assert_array_equal(applied[:, 1], healthy[:, 1])
+    np.testing.assert_allclose(applied[21:, 1], 0.5 * healthy[21:, 1], rtol=1e-2)
 
 
 def test_jitter_delays_each_command_by_a_time_of_its_own():
@@ -153,19 +155,20 @@ def test_jitter_delays_each_command_by_a_time_of_its_own():
     assert env.interface.delay == (0.0, 0.004)
 
 
-@pytest.mark.parametrize("jitter", [0.004, 0.023])
-def test_the_torque_under_jitter_is_that_of_the_newest_command_that_arrived(jitter):
-    """At each physics step, that of a delay of its sample's length; it never brings back an older one."""
-    substeps = 5
-    scenario = {"control_dt": 0.005, "physics_dt": 0.001, "actuator": {"jitter": jitter, "delay": 0.002}}
-    env = started(action="torque", **scenario, seed=1)
-    held, newest = env.truth.applied_torque[0], -1
+@pytest.mark.parametrize(
+    ("jitter", "delay", "samples"),
+    [(0.004, 0.0, 0), (0.004, 0.002, 0), (0.023, 0.002, 0), (0.05, 0.0, 0), (0.012, 0.003, 2)],
+)
+def test_the_torque_under_jitter_is_that_of_the_newest_command_that_arrived(jitter, delay, samples):
+    """Each command waits for its own draw; one that arrives after a newer one is without effect."""
+    actuator = {"jitter": jitter, "delay": delay, "delay_samples": samples, "torque_limit": None}
+    env = started_batch(9, action="torque", control_dt=0.005, physics_dt=0.001, actuator=actuator, seed=1)
+    held, arrivals = env.truth.applied_torque[:, 0], []
     for k in range(120):
-        env.step((1.0 + k, 0.0))
-        delay = 2 + env._batch.field("late")[0]
-        for step in range(substeps):
-            newest = max(newest, k - max(int(np.ceil((delay - step) / substeps)), 0))
-        assert env.truth.applied_torque[0] == (1.0 + newest if newest >= 0 else held)
+        env.step(np.tile([1.0 + k, 0.0], (9, 1)))
+        arrivals.append(5 * (k + samples) + round(delay * 1000) + env._batch.field("late"))
+        newest = np.max([np.where(arrival < 5 * (k + 1), i, -1) for i, arrival in enumerate(arrivals)], axis=0)
+        np.testing.assert_array_equal(env.truth.applied_torque[:, 0], np.where(newest >= 0, 1.0 + newest, held))
 
 
 def test_jitter_reaches_the_torque_and_nothing_before_it():

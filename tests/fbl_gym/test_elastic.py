@@ -7,7 +7,7 @@ import pytest
 from scipy.integrate import solve_ivp
 
 from fbl_gym import TABLE_1, ArmParameters, TwoLinkArmEnv
-from fbl_gym.model.arm import forward_dynamics, inertia_matrix
+from fbl_gym.model.arm import forward_dynamics, inertia_matrix, inverse_dynamics
 from fbl_gym.options import ElasticJoint
 from fbl_gym.options.link import fastest_rate
 from tests.fbl_gym.episodes import started, truths_of
@@ -95,6 +95,22 @@ def test_backlash_agrees_with_the_solver():
     np.testing.assert_allclose(ours[:, :4], theirs[:, :4], rtol=0, atol=6e-5)
     sides = np.sign(np.round((ours[:, 2:4] - ours[:, :2]) / 0.009999))
     assert np.all(np.ptp(sides, axis=0) == 2)  # both joints touch both sides
+
+
+@pytest.mark.parametrize("damping", [0.0, 5.0, 15.0, 200.0])
+def test_teeth_push_and_never_pull(damping):
+    """Over many contacts, the joints' torque is that of the printed law, also where the damper exceeds the spring."""
+    k, gap = 2000.0, 0.01
+    joint = {"stiffness": k, "damping": damping, "backlash": 2 * gap, "rotor_inertia": 1.0}
+    env = started(action="torque", actuator=None, arm={"gravity": 0.0}, joint=joint, duration=2.0, physics_dt=2.5e-4)
+    cut = 0
+    for truth in truths_of(env, [np.array([150.0, 60.0]) * np.sin(0.09 * i) for i in range(200)])[1:]:
+        x, rate = truth.motor_position - truth.position, truth.motor_velocity - truth.velocity
+        law = np.where(np.abs(x) >= gap, k * np.sign(x) * (np.abs(x) - gap) + damping * rate, 0.0)
+        cut += np.count_nonzero(law * x < 0.0)
+        torque = inverse_dynamics(truth.lumped, truth.position, truth.velocity, truth.acceleration)
+        np.testing.assert_allclose(torque, np.where(law * x < 0.0, 0.0, law), atol=1e-9)
+    assert (cut > 0) == (damping > 0.0)
 
 
 def test_a_motor_sticks_while_its_link_swings():

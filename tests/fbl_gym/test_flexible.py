@@ -5,10 +5,11 @@ import re
 import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
+from scipy.optimize import root
 
 from fbl_gym import TABLE_1, ArmParameters, TwoLinkArmEnv
 from fbl_gym.model.arm import inertia_matrix
-from fbl_gym.model.chain import HINGE, segment_terms
+from fbl_gym.model.chain import HINGE, chain_dynamics, segment_terms
 from fbl_gym.options import FlexibleLink
 from fbl_gym.options.link import fastest_rate, straight_chain
 from tests.fbl_gym.episodes import started, truths_of
@@ -134,12 +135,44 @@ def test_blows_and_grasps_keep_the_momentum_of_the_whole_chain(joint):
     assert np.abs(truths[20_001].velocity - truths[20_000].velocity).max() > 0.01
 
 
-def test_an_arm_starts_bent_by_its_weight():
-    (truth,) = run(0, link={"frequency": 5.0})
-    beyond = np.diag(straight_chain(ARM, 0.0)[0])[2:]
-    _, load = chain(truth.position, truth.bend, (0, 0), (0, 0))
-    np.testing.assert_allclose(beyond * (10 * np.pi) ** 2 * truth.bend, load[1::2], rtol=1e-3)
-    np.testing.assert_array_equal(truth.position, truth.reference)
+@pytest.mark.parametrize(
+    ("frequency", "payload", "mass", "speed"),
+    [
+        ((0.76, 1.14), 0.0, 1.0, 0.0),
+        ((0.76, 1.14), 0.0, 1.0, 2.0),
+        (1.3, 0.0, 1.0, 1.0),
+        (5.0, 0.0, 1.0, 3.0),
+        (20.0, 3.0, 1.3, 3.0),
+        (1.2, 8.0, 1.0, 0.0),  # hinges buckle
+        (1.2, 30.0, 2.0, 1.0),
+    ],
+)
+def test_an_arm_starts_in_a_stable_balance_of_its_bent_links(frequency, payload, mass, speed):
+    """In all poses, upright too: no torque is left on the hinges, and a small bend raises one against it."""
+    arm, k = (
+        ArmParameters(),
+        np.diag(straight_chain(ArmParameters(), 0.0)[0])[2:] * (2 * np.pi * np.array(frequency)) ** 2,
+    )
+    segments = segment_terms(
+        mass * arm.m1, mass * arm.m2, arm.L1, arm.L2, arm.centre, arm.inertia, payload, arm.L2, 0.0
+    )
+    error = {"ratio": {"m1": mass, "m2": mass}, "payload": payload}
+    for q in [(np.pi / 2, 0.0), (-np.pi / 2, 0.0), *np.random.default_rng(0).uniform(-np.pi, np.pi, (40, 2))]:
+        start = {"reference": {**HELD, "centre": tuple(q)}, "initial_velocity": speed}
+        truth = started(link={"frequency": frequency}, parameter_error=error, **start).truth
+        left = lambda b, v=truth.velocity, q=truth.position: (
+            chain_dynamics(segments, (arm.L1, arm.L2), arm.gravity, q, b, v, np.zeros(2))[1][2:] - k * b
+        )
+        np.testing.assert_array_equal(truth.bend_velocity, 0.0)
+        assert np.abs(root(left, truth.bend, tol=1e-13).x - truth.bend).max() < 1e-9
+        stiffness = np.array([left(truth.bend - x) - left(truth.bend + x) for x in 1e-5 * np.eye(2)])
+        assert np.linalg.eigvals(stiffness / k).real.min() > 0.0
+
+
+def test_joints_that_turn_too_fast_for_a_balance_start_in_that_at_rest():
+    arm, q = {**vars(ArmParameters()), "gravity": 0.0}, {"reference": {**HELD, "centre": (0.5, 1.0)}}
+    fast, slow = (started(arm=arm, link=1e-3, initial_velocity=v, **q).truth for v in (20.0, 0.0))
+    np.testing.assert_array_equal((fast.bend, slow.bend), 0.0)
 
 
 def test_links_that_bend_change_the_plant_alone():

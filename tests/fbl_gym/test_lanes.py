@@ -8,14 +8,22 @@ from gymnasium.vector import AutoresetMode, SyncVectorEnv
 from tests.fbl_gym.episodes import EVENTFUL, ID, MUJOCO, TIGHT, TRACKING, started, started_batch
 
 MODES = [mode.value for mode in AutoresetMode]
+CHANGES = {
+    "actuator": {"delay": 0.003, "jitter": 0.02, "lag": 0.01, "ripple": 5.0},
+    "parameter_error": {
+        "radius": 0.3, "centre": {"uniform": [0.8, 1.2]}, "inertia": 1.0, "payload": {"mass": 2.0, "offset": 0.1, "drop": 0.07},
+    },
+    "events": [{"kind": "pick-up", "time": 0.05, "mass": 3.0}, {"kind": "drive", "time": 0.1, "factor": (1.0, 0.0)}],
+}  # fmt: skip
 CASES = {
     **{f"{lanes} lanes": (ID, lanes, EVENTFUL) for lanes in (1, 2, 3, 8, 9, 16, 17, 37)},
     "tracking": (TRACKING, 3, {"scenario": "everything-2", "duration": 0.08, "preview": 1}),
     "info": (ID, 3, {"scenario": "everything-2", "duration": 0.1, "info": True}),
     "costs": (ID, 3, {"duration": 0.08, "constraints": TIGHT}),
     "ends by constraints": (TRACKING, 3, {"duration": 0.3, "constraints": {**TIGHT, "violation": "end"}}),
-    "links": (ID, 9, {**EVENTFUL, "link": 8.0}),
-    "mujoco": (MUJOCO, 3, {**EVENTFUL, "duration": 0.15, "link": 8.0}),
+    "late commands, changes": (ID, 9, {**EVENTFUL, **CHANGES}),
+    "links": (ID, 9, {**EVENTFUL, **CHANGES, "link": 8.0}),
+    "mujoco": (MUJOCO, 3, {**EVENTFUL, **CHANGES, "duration": 0.15, "link": 8.0}),
 }
 """Name, lanes and options of environments."""
 

@@ -27,12 +27,15 @@ EXACT = {
     "jumping torque": {"disturbance": {"kind": "piecewise-constant", "amplitude": (50, 20), "period": 0.105}},
     "pulses": {"disturbance": {"kind": "pulses", "amplitude": (80, 30)}},
     "jitter, lost readings": {"actuator": {"jitter": 0.02}, "encoder": {"dropout": 0.02, "dropout_length": 3}},
-    "ripple": {"actuator": {"ripple": (5, 2), "ripple_order": (12, 20)}},
+    "ripple": {"actuator": {"ripple": (5, 2), "ripple_order": (12, 20)}, "events": [WEAK_DRIVE]},
     "centre, inertia, rotors": {
         "arm": {"centre": (0.5, 0.4), "inertia": (0.1, 0.05), "rotor": (0.5, 0.2)},
-        "parameter_error": {"centre": (1.2, 0.9), "inertia": 1.3, "rotor": {"uniform": [0.5, 2]}},
+        "parameter_error": {"radius": 0.3, "centre": (1.2, 0.9), "inertia": 1.3, "rotor": {"uniform": [0.5, 2]}},
     },
-    "a payload with a size": {"parameter_error": {"payload": {**PAYLOAD, "offset": 0.1, "radius": 0.2}}},
+    "a payload with a size and another one": {
+        "parameter_error": {"payload": {**PAYLOAD, "offset": 0.1, "radius": 0.2}},
+        "events": [{"kind": "pick-up", "time": 1.5, "mass": 2.0}],
+    },
     "steps": {"reference": "steps", "initial_error": 0.02},
     "draws": {
         "friction": {"viscous": {"uniform": [1, 20]}},

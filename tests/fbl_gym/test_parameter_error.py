@@ -93,3 +93,38 @@ def test_centres_inertias_and_rotors_reach_the_real_arm_alone(name):
         np.testing.assert_allclose(ours.position, theirs.position, rtol=0, atol=1e-11)
     assert not same(truths, play(arm=nominal)[2], "position")
     assert TwoLinkArmEnv(arm=nominal, parameter_error={name: tuple(ratio)}).interface.nominal == nominal
+
+
+DRAWN = {"uniform": [0.5, 1.5]}
+
+
+@pytest.mark.parametrize("centre", [None, 1.0, (1.25, 0.75), DRAWN], ids=str)
+@pytest.mark.parametrize("inertia", [None, 1.0, (0.0, 2.0), DRAWN], ids=str)
+def test_a_ratio_of_centre_or_inertia_is_real_over_nominal_whatever_lengths_and_masses(centre, inertia):
+    """In m and kg m^2, by the lumped parameters; without one, both follow the real length and mass."""
+    nominal = ArmParameters(centre=(0.5, -0.4), inertia=(0.1, 0.05))
+    error = {"ratio": (2, 1, 1.5, 0.7), "radius": 0.5, "centre": centre, "inertia": inertia}
+    env = started_batch(9, arm=nominal, parameter_error=error)
+    truth, told = env.truth, {name: env._batch.field(f"{name}_ratio") for name in ("centre", "inertia")}
+    mass, length = truth.masses, truth.lengths
+    masses, lengths = np.array([nominal.m1, nominal.m2]), np.array([nominal.L1, nominal.L2])
+    p1, p2, p3, p4, _ = truth.lumped.T
+    centres = np.stack(
+        [(p4 / nominal.gravity - mass[:, 1] * length[:, 0]) / mass[:, 0], p3 / mass[:, 1] / length[:, 0]], -1
+    )
+    inertias = np.stack([p1 - mass[:, 1] * length[:, 0] ** 2, p2], -1) - mass * centres**2
+    for name, given, seen, usual, follows in (
+        ("centre", centre, centres, nominal.centre * lengths, length / lengths),
+        ("inertia", inertia, inertias, nominal.inertia * masses * lengths**2, mass / masses * (length / lengths) ** 2),
+    ):
+        expected = follows if given is None else told[name] if given == DRAWN else np.broadcast_to(given, (9, 2))
+        np.testing.assert_allclose(seen / usual, expected, rtol=1e-9, atol=1e-9)
+        assert given != DRAWN or (np.ptp(expected) > 0.5 and expected.min() > 0.5 and expected.max() < 1.5)
+
+
+def test_the_lightest_arms_bound_the_drawn_ones():
+    error = ParameterError(ratio=(2, 1, 1.5, 0.7), radius=0.5, centre=DRAWN, inertia=DRAWN)
+    nominal = ArmParameters(centre=(0.5, 0.4), inertia=(0.1, 0.05))
+    lightest = np.array([arm.lumped for arm in error.lightest(nominal)])
+    drawn = started_batch(64, arm=nominal, parameter_error=error).truth.lumped
+    assert np.all(lightest.min(axis=0) <= drawn.min(axis=0))

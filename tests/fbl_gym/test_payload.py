@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from fbl_gym import TABLE_1
+from fbl_gym.model.chain import HINGE
 from tests.fbl_gym.paired_runs import watch
 
 
@@ -47,9 +48,35 @@ def test_a_payload_may_have_a_size():
     L1, reach, g = TABLE_1.L1, TABLE_1.L2 + 0.2, TABLE_1.gravity
     extra = 6.0 * np.array([L1**2, reach**2 + 0.1**2, L1 * reach, L1 * g, reach * g])
     np.testing.assert_allclose(lumped[0] - TABLE_1.lumped, extra, rtol=1e-12)
-    (picked,) = watch(
-        "lumped",
-        parameter_error={"payload": {"mass": 0.0, "offset": 0.2, "radius": 0.1}},
-        events=[{"kind": "pick-up", "time": 0.05, "mass": 6.0}],
-    )
-    np.testing.assert_allclose(picked[-1], lumped[0], rtol=1e-12)
+
+
+PICK_UP = [{"kind": "pick-up", "time": 0.05, "mass": 6.0}]
+
+
+@pytest.mark.parametrize(
+    ("payload", "events", "own", "other"),
+    [
+        ({}, PICK_UP, 3.0, 6.0),
+        ({"mass": 0.0}, PICK_UP, 0.0, 6.0),
+        ({"drop": 0.03}, PICK_UP, 0.0, 6.0),
+        ({"drop": 0.07}, PICK_UP, 0.0, 6.0),
+        ({"pick_up": 0.07}, PICK_UP, 3.0, 6.0),
+        ({"pick_up": 0.09}, [*PICK_UP, {"kind": "drop", "time": 0.07}], 3.0, 0.0),
+        ({"drop": 0.09}, [*PICK_UP, {"kind": "drop", "time": 0.03}], 0.0, 6.0),
+    ],
+    ids=str,
+)
+def test_what_an_event_picks_up_hangs_at_the_tip_whatever_the_other_payloads_size(payload, events, own, other):
+    """Lumped parameters, and the moments of the last segment of links that bend, are sums over the bodies."""
+    error = {"payload": {"mass": 3.0, "offset": 0.2, "radius": 0.1, **payload}}
+    names = ("lumped", "payload", "segment_inertia", "segment_moment")
+    lumped, mass, inertia, moment = watch(*names, parameter_error=error, events=events, link=20.0, physics_dt=5e-4)
+    *_, plain_inertia, plain_moment = watch(*names, steps=0, link=20.0, physics_dt=5e-4)
+    bodies, (L1, L2, g) = ((own, 0.2, 0.1), (other, 0.0, 0.0)), (TABLE_1.L1, TABLE_1.L2, TABLE_1.gravity)
+    extra = [m * np.array([L1**2, (L2 + x) ** 2 + r**2, L1 * (L2 + x), L1 * g, (L2 + x) * g]) for m, x, r in bodies]
+    np.testing.assert_allclose(lumped[-1] - TABLE_1.lumped, np.sum(extra, axis=0), rtol=1e-12)
+    assert mass[-1] == pytest.approx(own + other)
+    tip = (1 - HINGE) * L2
+    seconds, firsts = zip(*((m * ((tip + x) ** 2 + r**2), m * (tip + x)) for m, x, r in bodies), strict=True)
+    np.testing.assert_allclose(inertia[-1, 3] - plain_inertia[0, 3], sum(seconds), rtol=1e-12)
+    np.testing.assert_allclose(moment[-1, 3] - plain_moment[0, 3], sum(firsts), rtol=1e-12)

@@ -8,6 +8,8 @@ joints, b of the hinges, and x of joints and motors together. Velocities are v, 
 
 from collections import namedtuple
 
+import numpy as np
+
 from fbl_gym.kernel.arm import elastic
 from fbl_gym.kernel.arm.physics import FREE, friction_of, hold, make_runge_kutta, moved, rub, solve_terms, weighted
 from fbl_gym.kernel.maths.fastmath import inline_njit, kernel_njit, sincos
@@ -179,15 +181,51 @@ def flexible_acceleration_and_friction(block, settings, lane):
 
 
 @kernel_njit
+def _pull(links, q, b1, b2, v):
+    """Return the torques on hinges at rest [N m]."""
+    _, _, _, _, _, bend1, bend2 = _load_on_chain(links, q, (b1, b2), v, (0.0, 0.0))
+    return bend1 - links[4][0] * b1, bend2 - links[4][1] * b2
+
+
+@kernel_njit
+def _balance(links, q, v):
+    """Return the angles of hinges at rest without a torque, and True if they were found.
+
+    Newton's method from straight links, in steps of up to 0.3 rad. Where the balance nearby is not
+    stable, the matrix is lifted to positive eigenvalues, so that the steps lead away from it.
+    """
+    b1, b2, h = 0.0, 0.0, 1e-6
+    for _ in range(60):
+        (r1, r2), (x1, x2), (y1, y2) = (
+            _pull(links, q, b1, b2, v),
+            _pull(links, q, b1 + h, b2, v),
+            _pull(links, q, b1, b2 + h, v),
+        )
+        a11, a21, a12, a22 = (r1 - x1) / h, (r2 - x2) / h, (r1 - y1) / h, (r2 - y2) / h
+        apart, across = 0.5 * (a11 - a22), 0.5 * (a12 + a21)
+        lift = max(2.0 * np.sqrt(apart * apart + across * across) - a11 - a22, 0.0)
+        a11, a22 = a11 + lift, a22 + lift
+        scale = 1.0 / (a11 * a22 - a12 * a21)
+        step1, step2 = (a22 * r1 - a12 * r2) * scale, (a11 * r2 - a21 * r1) * scale
+        length = max(abs(step1), abs(step2))
+        if lift > 0.0 and length < 1e-3:  # an upright arm would stay on its buckling links
+            step1, step2, length = 1e-3, 1e-3, 1e-3
+        share = min(1.0, 0.3 / length)
+        b1, b2 = b1 + share * step1, b2 + share * step2
+        if length < 1e-10:
+            return (b1, b2), True
+    return (b1, b2), False
+
+
+@kernel_njit
 def start_bends(block, settings, lane):
-    """Bend the links of a lane as far as weight and velocity of the start do, at rest."""
-    links, still = _links_of(block, settings, lane), (0.0, 0.0)
-    q, v, (k1, k2) = pair(block.position, lane), pair(block.velocity, lane), links[4]
-    put(block.bend, lane, still)
-    put(block.bend_velocity, lane, still)
-    for _ in range(3):
-        _, _, _, _, _, bend1, bend2 = _load_on_chain(links, q, pair(block.bend, lane), v, still)
-        put(block.bend, lane, (bend1 / k1, bend2 / k2))
+    """Bend the links of a lane to where weight and velocity hold them; see `link.py`."""
+    links, q, v = _links_of(block, settings, lane), pair(block.position, lane), pair(block.velocity, lane)
+    bend, balanced = _balance(links, q, v)
+    if not balanced:
+        bend, _ = _balance(links, q, (0.0, 0.0))
+    put(block.bend, lane, bend)
+    put(block.bend_velocity, lane, (0.0, 0.0))
 
 
 @inline_njit

@@ -1,5 +1,7 @@
 """The arm's motion over one physics step: friction by its law, the rest by Runge and Kutta."""
 
+import numpy as np
+
 from fbl_gym.kernel.arm.friction import dry_friction, resist, sign
 from fbl_gym.kernel.maths.fastmath import inline_njit, kernel_njit, named, sincos
 from fbl_gym.kernel.memory.layout import EXACT_FRICTION, LITERAL_FRICTION, NO_FRICTION
@@ -220,10 +222,21 @@ def lump(block, settings, lane):
     """Compute the real lumped parameters of a lane, with the payload that it carries."""
     (m1, m2), length1, length2 = pair(block.parameters, lane), block.parameters[2, lane], block.parameters[3, lane]
     payload, gravity = block.payload[lane], settings.gravity
-    centre = settings.centre[0] * block.centre_ratio[0, lane], settings.centre[1] * block.centre_ratio[1, lane]
-    inertia = settings.inertia[0] * block.inertia_ratio[0, lane], settings.inertia[1] * block.inertia_ratio[1, lane]
+    (centre1, centre2), (inertia1, inertia2) = pair(block.centre_ratio, lane), pair(block.inertia_ratio, lane)
+    # The terms take fractions of the real lengths and masses.
+    longer1, longer2 = length1 / settings.parameters[2], length2 / settings.parameters[3]
+    if not settings.in_proportion[0]:
+        centre1, centre2 = centre1 / longer1, centre2 / longer2
+    if not settings.in_proportion[1]:
+        inertia1 /= m1 / settings.parameters[0] * longer1 * longer1
+        inertia2 /= m2 / settings.parameters[1] * longer2 * longer2
+    centre = settings.centre[0] * centre1, settings.centre[1] * centre2
+    inertia = settings.inertia[0] * inertia1, settings.inertia[1] * inertia2
     p1, p2, p3, p4, p5 = lumped_terms(m1, m2, length1, length2, gravity, centre, inertia)
-    reach, radius = length2 + block.payload_offset[lane], block.payload_radius[lane]
+    # The part of the option `payload` has an offset and a radius; what events add is at the tip.
+    own = block.held_payload[lane] / payload if payload > 0.0 else 0.0
+    offset, radius = block.payload_offset[lane], block.payload_radius[lane]
+    reach, radius = length2 + own * offset, np.sqrt(own * (radius * radius + (1.0 - own) * offset * offset))
     block.lumped[0, lane] = p1 + payload * length1 * length1
     block.lumped[1, lane] = p2 + payload * (reach * reach + radius * radius)
     block.lumped[2, lane] = p3 + payload * length1 * reach

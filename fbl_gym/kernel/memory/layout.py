@@ -4,8 +4,9 @@
 
 The settings are the same for all lanes. The tables are the arrays that a scenario contains, such as
 the samples of a reference. A block is the state of `LANES` lanes: its fields, then the last torque
-commands, the way-points of the reference, the last actions (pairs of rows, one row a joint),
-the last readings of the encoder (four rows: position and velocity), and the events.
+commands (three rows: both joints, and the command's own delay), the way-points of the reference and
+the last actions (pairs of rows, one row a joint), the last readings of the encoder (four rows:
+position and velocity), and the events.
 
 The kernel and `batch.py` see the fields through the structured types `SETTINGS` and `BLOCK`:
 `block.position[0, lane]` is the position of joint 1.
@@ -112,6 +113,7 @@ SETTINGS = np.dtype(
         ("ratio", np.float64, 4),  # real / nominal
         ("log_radius", np.float64, 4),  # log(1 + radius) of the ratio that each episode draws
         ("drawn_together", np.bool_),  # one draw for all parameters
+        ("in_proportion", np.int64, 2),  # ratios of centre and inertia are of fractions of real lengths and masses
         ("has_payload", np.bool_),
         # Numbers that may vary
         ("varied", np.float64, VARIED.itemsize // 8),  # fixed values, in the order of `VARIED`

@@ -95,7 +95,7 @@ def make_program(
     past_actions = check_whole("past_actions", past_actions, high=100_000)
     settings["past_actions"] = max(int(settings["past_actions"]), past_actions)
     # The rows of a block after its fields: queue, way-points, actions, readings, events.
-    settings["past_row"] = memory.ROWS + 2 * (int(settings["delay_steps"]) + 1 + int(settings["waypoints"]))
+    settings["past_row"] = memory.ROWS + 3 * (int(settings["delay_steps"]) + 1) + 2 * int(settings["waypoints"])
     settings["history_row"] = settings["past_row"] + 2 * settings["past_actions"]
     settings["event_row"] = settings["history_row"] + 4 * settings["history"]
     settings["events"], settings["event_table"] = len(scenario.events), len(tables)

@@ -39,8 +39,8 @@ def _views(memory, settings, number):
     """Return a block, the same memory as rows, its last torque commands, and its way-points."""
     index, depth = settings.blocks + number * settings.block_size, settings.delay_steps + 1
     rows = array_at(memory, index, (settings.block_size // LANES, LANES), np.float64)
-    queue = array_at(memory, index + BLOCK_SIZE, (depth, 2, LANES), np.float64)
-    waypoints = array_at(memory, index + BLOCK_SIZE + 2 * LANES * depth, (settings.waypoints, 2, LANES), np.float64)
+    queue = array_at(memory, index + BLOCK_SIZE, (depth, 3, LANES), np.float64)
+    waypoints = array_at(memory, index + BLOCK_SIZE + 3 * LANES * depth, (settings.waypoints, 2, LANES), np.float64)
     return record_at(memory, index, BLOCK), rows, queue, waypoints
 
 

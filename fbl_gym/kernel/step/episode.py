@@ -101,7 +101,7 @@ def _hold_still(block, rows, queue, settings, lane):
     put(block.command, lane, (tau1, tau2))
     put(block.target, lane, (tau1, tau2))
     put(block.lagged, lane, (tau1, tau2))
-    block.late[lane], block.age[lane] = 0.0, float(settings.delay_steps)
+    block.late[lane] = 0.0
     gain1, gain2 = pair(block.gain, lane)
     put(block.torque, lane, (gain1 * tau1, gain2 * tau2))
     if settings.rippled:
@@ -111,6 +111,7 @@ def _hold_still(block, rows, queue, settings, lane):
             block.torque[joint, lane] += ripple_of(block, settings, lane, joint)
     for age in range(settings.delay_steps + 1):
         put(queue[age], lane, (tau1, tau2))
+        queue[age, 2, lane] = 0.0
     action1, action2 = 0.0, 0.0  # no acceleration
     if kind == NORMALIZED:
         action1, action2 = tau1 / limit[0], tau2 / limit[1]

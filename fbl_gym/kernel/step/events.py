@@ -43,11 +43,14 @@ def _velocity(block, settings, lane, momentum):
 
 
 @kernel_njit
-def change_payload(block, settings, lane, payload):
-    """Let a lane carry another payload; the velocities after a grasp conserve momentum."""
+def change_payload(block, settings, lane, payload, held):
+    """Let a lane carry another payload, with the part of the option `payload` in it.
+
+    The velocities after a grasp conserve momentum.
+    """
     momentum = _momentum(block, settings, lane)
     grasps = payload > block.payload[lane]
-    block.payload[lane] = payload
+    block.payload[lane], block.held_payload[lane] = payload, held
     lump(block, settings, lane)
     if grasps:
         v1, v2, u1, u2 = _velocity(block, settings, lane, momentum)
@@ -68,11 +71,10 @@ def carry_payload(block, settings, width, substep):
         now = float(np.int64(block.step[lane])) * settings.substeps + substep
         if now > 0.0 and block.payload_pick_up[lane] != block.payload_drop[lane]:
             if now == block.payload_pick_up[lane]:
-                block.held_payload[lane] = block.payload_mass[lane]
-                change_payload(block, settings, lane, block.payload[lane] + block.held_payload[lane])
+                held = block.payload_mass[lane]
+                change_payload(block, settings, lane, block.payload[lane] + held, held)
             if now == block.payload_drop[lane]:
-                change_payload(block, settings, lane, max(block.payload[lane] - block.held_payload[lane], 0.0))
-                block.held_payload[lane] = 0.0
+                change_payload(block, settings, lane, max(block.payload[lane] - block.held_payload[lane], 0.0), 0.0)
 
 
 @kernel_njit
@@ -89,17 +91,17 @@ def apply_events(block, rows, settings, tables, width, substep):
 def _apply(block, settings, lane, kind, size1, size2):
     """Apply an event to a lane."""
     if kind == PICK_UP:
-        change_payload(block, settings, lane, block.payload[lane] + size1)
+        change_payload(block, settings, lane, block.payload[lane] + size1, block.held_payload[lane])
     elif kind == DROP:
-        change_payload(block, settings, lane, 0.0)
-        block.held_payload[lane] = 0.0  # `payload_drop` has nothing left to release
+        change_payload(block, settings, lane, 0.0, 0.0)  # `payload_drop` has nothing left to release
     elif kind == FRICTION_CHANGE:
         for friction in (block.viscous, block.coulomb, block.stiction, block.load_friction):
             friction[0, lane] *= size1
             friction[1, lane] *= size2
     elif kind == DRIVE_CHANGE:
-        block.gain[0, lane] *= size1
-        block.gain[1, lane] *= size2
+        for torque in (block.gain, block.ripple):
+            torque[0, lane] *= size1
+            torque[1, lane] *= size2
     elif kind == KNOCK:
         change1, change2, change3, change4 = _velocity(block, settings, lane, (size1, size2, 0.0, 0.0))
         v1, v2, u1, u2 = both(block.velocity, block.bend_velocity, lane)

@@ -26,7 +26,10 @@ def command(block, rows, queue, settings, actions, count):
     """Set the torque commands of a block's first `count` lanes from their actions."""
     for age in range(settings.delay_steps, 0, -1):
         for lane in range(count):
-            queue[age, 0, lane], queue[age, 1, lane] = queue[age - 1, 0, lane], queue[age - 1, 1, lane]
+            put(queue[age], lane, pair(queue[age - 1], lane))
+        if settings.jittered:
+            for lane in range(count):
+                queue[age, 2, lane] = queue[age - 1, 2, lane]
     limit1, limit2 = settings.torque_limit[0], settings.torque_limit[1]
     for joint in range(2):
         for lane in range(count):
@@ -54,8 +57,7 @@ def command(block, rows, queue, settings, actions, count):
     if settings.jittered:
         for lane in range(count):
             draw, _, _, _ = uniforms(block.seed[lane], _JITTER, block.episode[lane], block.step[lane], _ZERO)
-            block.late[lane] = np.rint(block.jitter[lane] * draw)
-            block.age[lane] = min(block.age[lane] + 1.0, float(settings.delay_steps))
+            block.late[lane] = queue[0, 2, lane] = np.rint(block.jitter[lane] * draw)
 
 
 @inline_njit
@@ -71,20 +73,26 @@ def nominal_torque(block, settings, lane, a1, a2):
 @kernel_njit
 def apply_torque(block, queue, settings, width, substep):
     """Set the applied torque over a physics step."""
-    # The command that the delay lets through now, then the rate limit, the lag and the gain.
+    # The newest command that has arrived, then the rate limit, the lag and the gain.
     for joint in range(2):
         for lane in range(width):
             block.tau[0, joint, lane] = queue[0, joint, lane]
-    if settings.delay_steps > 0:
+    if settings.delay_steps > 0 and not settings.jittered:
         for lane in range(width):
-            age = np.ceil((block.delay[lane] + block.late[lane] - substep) / settings.substeps)
-            # A late command does not bring back an older one.
-            block.age[lane] = min(block.age[lane], age) if settings.jittered else age
-        for age in range(1, settings.delay_steps + 1):
-            for joint in range(2):
-                for lane in range(width):
-                    newer, delayed = block.tau[0, joint, lane], queue[age, joint, lane]
-                    block.tau[0, joint, lane] = delayed if block.age[lane] == age else newer
+            block.age[lane] = np.ceil((block.delay[lane] - substep) / settings.substeps)
+    if settings.jittered:
+        block.age[:] = float(settings.delay_steps)  # the oldest one has always arrived
+        for age in range(settings.delay_steps - 1, -1, -1):
+            # An older command that arrives later is without effect.
+            since, this = float(age * settings.substeps + substep), float(age)
+            for lane in range(width):
+                last, delay = block.age[lane], block.delay[lane] + queue[age, 2, lane]
+                block.age[lane] = this if delay <= since else last
+    for age in range(1, settings.delay_steps + 1):
+        for joint in range(2):
+            for lane in range(width):
+                newer, delayed = block.tau[0, joint, lane], queue[age, joint, lane]
+                block.tau[0, joint, lane] = delayed if block.age[lane] == age else newer
     for joint in range(2):
         for lane in range(width):
             start, half, end = block.fade[0, lane], block.fade[1, lane], block.fade[2, lane]
