@@ -240,7 +240,7 @@ def compose(law: type[TorqueLaw], *parts: str) -> type[Composed]:
     if len(observers) > 1:
         raise ValueError(f"give one observer, got {' and '.join(observers)}")
     gains = [gain for part in ("", *parts) for gain in _gains(part, PARTS[part] if part else law)]
-    names = [*vars(Composed), *(name for name, *_ in gains)]
+    names = [*vars(Composed), *Composed.__annotations__, *(name for name, *_ in gains)]
     if twice := [name for name, *_ in gains if names.count(name) > 1]:
         raise ValueError(
             f"a law with parts has a {twice[0]} of its own, so a gain of {law.__name__} needs another name"

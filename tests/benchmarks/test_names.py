@@ -103,7 +103,7 @@ def test_the_key_of_a_law_with_parts_follows_the_code_of_the_law():
     assert resolve("computed-torque+kalman").code != resolve("sliding-mode+kalman").code
 
 
-@pytest.mark.parametrize("gain", ["_made", "kalman_bandwidth", "needs"])
+@pytest.mark.parametrize("gain", ["_inside", "kalman_bandwidth", "needs"])
 def test_a_gain_with_a_name_of_the_composed_law_is_refused(law, tmp_path, gain):
     (tmp_path / law).write_text(LAW.format(gain=gain))
     with pytest.raises(ValueError, match=f"has a {gain} of its own, so a gain of Law needs another name"):

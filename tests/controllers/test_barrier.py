@@ -94,4 +94,4 @@ def test_a_barrier_composes_and_keeps_every_promise():
     name = "pid-flm+kalman+barrier"
     assert broken_promises(name, scenario) == []
     spec = resolve(name)
-    assert spec.make(TwoLinkArmEnv(), barrier_margin=0.1)._made["barrier"].margin == (0.1, 0.1)
+    assert spec.make(TwoLinkArmEnv(), barrier_margin=0.1)._barrier.margin == (0.1, 0.1)
