@@ -222,11 +222,11 @@ def _resolved(name: PolicyName) -> PolicySpec:
     it: other policies must not suffer.
     """
     before = set(sys.modules) - IMPORTED
-    gains = {gain: np.asarray(value).tolist() for gain, value in name.given_gains.items()}
-    spec = PolicySpec(name, external=name.form != "name" or is_code(name), shared=key.shared(), gains=gains)
+    spec = PolicySpec(name, external=name.form != "name" or is_code(name), shared=key.shared())
     try:
         factory = load(name)
-        spec = _declared(spec, factory)
+        gains = {gain: np.asarray(value).tolist() for gain, value in name.given_gains.items()}
+        spec = _declared(dataclasses.replace(spec, gains=gains), factory)
         uses = [*getattr(factory, "uses", ())]
         if is_code(name) or name.gains:
             with contextlib.suppress(*(() if name.gains else (Exception, SystemExit))):
