@@ -115,7 +115,7 @@ def loaded_since(before: Iterable[str], own: str) -> tuple[dict[str, Path], set[
         path, top = getattr(module, "__file__", None), name.partition(".")[0]
         if not isinstance(path, str) or place(path) == "ours" or (name in before and top != own):
             continue
-        if place(path) == "installed" and top != own:
+        if place(path) == "installed":
             owners = metadata.packages_distributions() if owners is None else owners
             packages.update(owners.get(top, ()))
         if place(path) == "" or top == own or (place(path) == "installed" and top not in (owners or {})):

@@ -98,6 +98,12 @@ def test_the_key_follows_the_package_of_an_external_policy(folder, tmp_path, mon
     after = [Cell(name, "nominal", (0,)).key for name in policies]
     assert [old == new for old, new in zip(before, after, strict=True)] == [False, False, True]
     assert [resolve(name).external for name in policies] == [True, True, False]
+    (tmp_path / folder / "external_laws/k.txt").write_text("0.5")
+    reads = (
+        "    def initial(self, observation):\n        open(__file__.replace('law.py', '../k.txt'))\n        return ()\n"
+    )
+    tree(tmp_path / folder, {"external_laws/part/law": SUBCLASS + reads})
+    assert "k.txt, which its key does not cover" in run_cell(Cell("theirs", "nominal", (0,))).error
 
 
 @pytest.mark.parametrize(
