@@ -117,7 +117,7 @@ def check_name(name: PolicyName) -> None:
     """Refuse a name that means no registered policy, without loading one of another package."""
     misspelt = [gain for gain in name.gains if gain.isidentifier() and not Path(gain).is_dir()]  # "tunned", rather
     if name.form != "name" or name.source not in names() or misspelt:
-        raise unknown("policy", str(name), names())
+        raise unknown("policy", str(name), (*names(), *tuned()))
     if name.parts:
         factory(name)  # refuses parts that do not fit
     if name.tuned:

@@ -93,10 +93,9 @@ def law_modules(roots: Iterable[ModuleType]) -> dict[str, Path]:
         if module.__name__.startswith(LAWS):
             found[module.__name__] = Path(str(module.__file__))
         for value in [*vars(module).values()]:
-            owner = value.__name__ if isinstance(value, ModuleType) else vars(type(value)).get("__module__")
-            for name in {owner, getattr(value, "__module__", None) if callable(value) else None}:
-                if str(name).startswith(LAWS) and name not in found:
-                    unread.append(sys.modules[str(name)])
+            owner = value.__name__ if isinstance(value, ModuleType) else getattr(value, "__module__", None)
+            if str(owner).startswith(LAWS) and owner not in found and owner in sys.modules:
+                unread.append(sys.modules[str(owner)])
     return found
 
 
@@ -117,7 +116,7 @@ def loaded_since(before: Iterable[str], own: str) -> tuple[dict[str, Path], set[
         path, top = getattr(module, "__file__", None), name.partition(".")[0]
         if not isinstance(path, str) or place(path) == "ours" or (name in before and top != own):
             continue
-        if place(path) == "installed" and top != own:
+        if place(path) == "installed":
             owners = metadata.packages_distributions() if owners is None else owners
             packages.update(owners.get(top, ()))
         if place(path) == "" or top == own or (place(path) == "installed" and top not in (owners or {})):

@@ -133,7 +133,8 @@ class PolicySpec:
             *arguments: of the function.
             limits: of the call; None: those of external policies.
         """
-        isolated = runs_code(self.parsed) or IMPORTED or limits not in (None, CallLimits())
+        code = self.parsed.form == "archive" or is_code(self.parsed)  # a folder of an agent is data
+        isolated = code or IMPORTED or limits not in (None, CallLimits())
         return run_isolated(function, *arguments, limits=limits) if isolated else function(*arguments)
 
     def factory(self) -> Callable[..., Any]:
@@ -152,14 +153,14 @@ class PolicySpec:
         return {**data, "parsed": str(self.parsed)}
 
     @classmethod
-    def from_dict(cls, data: Mapping[str, Any], origin: str = "a result") -> "PolicySpec":
+    def from_dict(cls, data: Mapping[str, Any]) -> "PolicySpec":
         """Return the specification that `to_dict` gave.
 
         Raises:
             ValueError: its kind or access is unknown.
         """
         lists = {name: tuple(data[name]) for name in ("needs", "packages")}
-        given = {**data, **lists, "parsed": PolicyName.parse(data["parsed"], origin)}
+        given = {**data, **lists, "parsed": PolicyName.parse(data["parsed"], "a result")}
         spec = cls(**{field.name: given[field.name] for field in dataclasses.fields(cls) if field.name in given})
         check_choice("kind", spec.kind, KINDS)
         check_choice("access", spec.access, ACCESS)
@@ -176,11 +177,6 @@ def build(name: PolicyName, factory: Callable[..., Any], env: Any, **gains: Any)
 def names() -> tuple[str, ...]:
     """Return the name of every registered policy, then those with tuned gains."""
     return (*controllers.names(), *controllers.tuned())
-
-
-def runs_code(name: PolicyName) -> bool:
-    """Return True if a policy of this name runs code that is not of fbl-gym."""
-    return name.form == "archive" or is_code(name)
 
 
 def resolve(
@@ -222,11 +218,11 @@ def _resolved(name: PolicyName) -> PolicySpec:
     it: other policies must not suffer.
     """
     before = set(sys.modules) - IMPORTED
-    gains = {gain: np.asarray(value).tolist() for gain, value in name.given_gains.items()}
-    spec = PolicySpec(name, external=name.form != "name" or is_code(name), shared=key.shared(), gains=gains)
+    spec = PolicySpec(name, external=name.form != "name" or is_code(name), shared=key.shared())
     try:
         factory = load(name)
-        spec = _declared(spec, factory)
+        gains = {gain: np.asarray(value).tolist() for gain, value in name.given_gains.items()}
+        spec = _declared(dataclasses.replace(spec, gains=gains), factory)
         uses = [*getattr(factory, "uses", ())]
         if is_code(name) or name.gains:
             with contextlib.suppress(*(() if name.gains else (Exception, SystemExit))):
@@ -245,7 +241,10 @@ def _resolved(name: PolicyName) -> PolicySpec:
 def _declared(spec: PolicySpec, factory: Callable[..., Any]) -> PolicySpec:
     """Return the specification with all that a factory declares but code and files."""
     name = spec.parsed
-    kind = controllers.kind(name) if name.form == "name" else getattr(factory, "kind", "classical")
+    if name.form == "name":
+        kind, summary = controllers.kind(name), controllers.summary(name)
+    else:
+        kind, summary = getattr(factory, "kind", "classical"), (factory.__doc__ or "").strip().split("\n")[0]
     tuning = "given gains" if name.gains else "tuned" if name.tuned else "default gains"
     lists = {what: getattr(factory, what, ()) for what in ("needs", "packages", "data_files", "uses")}
     try:
@@ -260,9 +259,7 @@ def _declared(spec: PolicySpec, factory: Callable[..., Any]) -> PolicySpec:
             packages=tuple(lists["packages"]),
             preview=check_number(f"preview of {name}", getattr(factory, "preview", 0.0), low=0, high=100),
             tuning="trained" if kind == "learned" else tuning,
-            summary=controllers.summary(name)
-            if name.form == "name"
-            else (factory.__doc__ or "").strip().split("\n")[0],
+            summary=summary,
             tuned={robot: registry.tuned_gains(name, robot) for robot in name.tuned_files},
         )
     except (ValueError, TypeError) as problem:

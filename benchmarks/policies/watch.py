@@ -8,6 +8,7 @@ files that only are written.
 import functools
 import importlib.util
 import os
+import re
 import sys
 from collections.abc import Iterable
 from pathlib import Path
@@ -34,7 +35,6 @@ OTHERS = {
 """Events that no key can cover."""
 
 _SYSTEM = ("/dev/", "/etc/", "/lib", "/proc/", "/sys/", "/usr/")
-_WRITES = os.O_WRONLY | os.O_TRUNC | os.O_EXCL
 
 
 class Watch:
@@ -51,6 +51,9 @@ class Watch:
     def __init__(self, files: Iterable[str], home: Path) -> None:
         self.seen: dict[str, None] = {}
         self._free, self._home = set(files), home
+        # The policy of an installed package: its folder in site-packages is not free for it.
+        installed = (re.match(r".*[/\\](site|dist)-packages[/\\][^/\\]+", file) for file in self._free)
+        self._own = tuple(match[0] for match in installed if match and place(match.string) == "installed")
 
     def __enter__(self) -> "Watch":
         _install()
@@ -60,8 +63,10 @@ class Watch:
     def __exit__(self, *_: object) -> None:
         _WATCHES.remove(self)
 
-    def note(self, event: str, arguments: tuple[Any, ...]) -> None:
-        """Note an event that code of the policy causes."""
+    def note(self, event: str, arguments: tuple[Any, ...], frame: FrameType) -> None:
+        """Note an event, if code of the policy causes it."""
+        if not self._is_cause(frame, event in DIRECT):
+            return
         given = None if event in OTHERS else arguments[FILE[event]]
         if event in OTHERS:
             self.seen[f"it {OTHERS[event]}, and no key follows the answer"] = None
@@ -72,12 +77,26 @@ class Watch:
         elif isinstance(given, str | bytes | os.PathLike):
             self._note_file(os.path.realpath(os.fsdecode(given)), arguments[2] if event == "open" else 0)
 
+    def _is_cause(self, frame: FrameType | None, direct: bool) -> bool:
+        """Return True if the policy's code is on the stack; `direct`: as the caller itself."""
+        while frame is not None:
+            file, where = frame.f_code.co_filename, place(frame.f_code.co_filename)
+            own = where == "" or file.startswith(self._own)
+            if where != "standard" and (direct or own or frame.f_code.co_name == "<module>"):
+                return own
+            frame = frame.f_back
+        return False
+
     def _note_file(self, path: str, flags: int) -> None:
         if path.endswith(".pyc"):
             path = importlib.util.source_from_cache(path)
-        if flags & _WRITES:
+        if flags & (os.O_TRUNC | os.O_EXCL):
             self._free.add(path)  # what it writes itself, it may read
-        elif path not in self._free and not path.startswith(_SYSTEM) and not _is_free(path):
+        elif (
+            flags & os.O_WRONLY == 0
+            and path not in self._free
+            and not (path.startswith(_SYSTEM) or self._is_free(path))
+        ):
             name = os.path.relpath(path, self._home)
             if place(path) == "ours":
                 name = os.path.relpath(path, ROOT)
@@ -86,12 +105,11 @@ class Watch:
                 declared = f'data_files = ("{name}",)'
             self.seen[f"it reads {name}, which its key does not cover: add make_policy.{declared}"] = None
 
-
-def _is_free(path: str) -> bool:
-    """Return True for files of Python, of installed packages, and of fbl-gym beside policies."""
-    if path.endswith((".nbi", ".nbc", "__init__.py")):  # Numba's, for the code of fbl-gym alone
-        return True
-    return place(path) != "" and not path.startswith(_POLICIES)
+    def _is_free(self, path: str) -> bool:
+        """Return True for files of Python, of other packages, and of fbl-gym beside policies."""
+        if path.endswith((".nbi", ".nbc", "__init__.py")):  # Numba's, for the code of fbl-gym alone
+            return True
+        return place(path) != "" and not path.startswith((*_POLICIES, *self._own))
 
 
 _POLICIES = tuple(f"{ROOT / name.replace('.', os.sep)}" for name in (*LAWS, "controllers.tuned."))
@@ -100,19 +118,9 @@ _WATCHES: list[Watch] = []
 
 
 def _hook(event: str, arguments: tuple[Any, ...], depth: int = 1) -> None:
-    if _WATCHES and (event in FILE or event in OTHERS) and _is_of_policy(sys._getframe(depth), event in DIRECT):
+    if _WATCHES and (event in FILE or event in OTHERS):
         for watch in _WATCHES:
-            watch.note(event, arguments)
-
-
-def _is_of_policy(frame: FrameType | None, direct: bool) -> bool:
-    """Return True if a policy's code is on the stack; `direct`: if it is the caller itself."""
-    while frame is not None:
-        code, where = frame.f_code, place(frame.f_code.co_filename)
-        if where != "standard" and (direct or where == "" or code.co_name == "<module>"):
-            return where == ""
-        frame = frame.f_back
-    return False
+            watch.note(event, arguments, sys._getframe(depth))
 
 
 class _Environment(dict[Any, Any]):

@@ -98,6 +98,12 @@ def test_the_key_follows_the_package_of_an_external_policy(folder, tmp_path, mon
     after = [Cell(name, "nominal", (0,)).key for name in policies]
     assert [old == new for old, new in zip(before, after, strict=True)] == [False, False, True]
     assert [resolve(name).external for name in policies] == [True, True, False]
+    (tmp_path / folder / "external_laws/k.txt").write_text("0.5")
+    reads = (
+        "    def initial(self, observation):\n        open(__file__.replace('law.py', '../k.txt'))\n        return ()\n"
+    )
+    tree(tmp_path / folder, {"external_laws/part/law": SUBCLASS + reads})
+    assert "k.txt, which its key does not cover" in run_cell(Cell("theirs", "nominal", (0,))).error
 
 
 @pytest.mark.parametrize(
@@ -211,6 +217,36 @@ def test_a_name_of_the_package_wins_over_a_folder_of_that_name(folder):
 def test_a_path_may_contain_a_colon(text, parts):
     name = PolicyName.parse(text)
     assert (name.source, name.attribute) == parts
+
+
+IMPORTS = """
+import importlib, sys
+from benchmarks.policies.key import LAWS, law_modules
+from controllers.catalogue import LAWS as CATALOGUE
+for module in {f"controllers.{path.partition(':')[0]}" for _, path, _ in CATALOGUE}:
+    for name in [name for name in sys.modules if name.startswith(LAWS[:3])]:
+        del sys.modules[name]
+    found = law_modules([importlib.import_module(module)])
+    assert {*found} == {name for name in sys.modules if name.startswith(LAWS[:3])}, module
+"""
+
+
+def test_the_key_of_a_built_in_law_has_every_law_module_that_it_imports():
+    subprocess.run([sys.executable, "-c", IMPORTS], check=True)
+
+
+def test_every_module_of_the_arm_is_in_the_key():
+    """All of fbl_gym but pictures and the data of scenarios."""
+    shared = {path for pattern in keys.SHARED for path in ROOT.glob(pattern)}
+    others = {
+        path.relative_to(ROOT / "fbl_gym").parts[0] for path in (ROOT / "fbl_gym").rglob("*.py") if path not in shared
+    }
+    assert others == {"view", "scenarios"}
+
+
+def test_the_key_follows_the_version_of_an_installed_package(tmp_path):
+    (tmp_path / "law.py").write_text(f"import rich\n{LAW}")
+    assert "rich" in Cell(str(tmp_path / "law.py"), "nominal", (0,)).identity["packages"]
 
 
 def test_an_agent_has_a_key_without_the_packages_of_other_policies():

@@ -60,6 +60,22 @@ def test_a_plus_in_a_path_is_no_part():
         assert (PolicyName.parse(text).form, PolicyName.parse(text).parts) == (form, ())
 
 
+def test_a_name_of_an_unknown_form_is_refused():
+    for form in ("weird", "", "Module"):
+        with pytest.raises(ValueError, match=f"unknown form of a policy's name {form!r}"):
+            resolve(PolicyName(form, "os"))
+    for text in (
+        "pid-flm+kalman@tuned@kp=0.5x",
+        "ppo-memory@2",
+        "a/b.py:Law+eso@K=3@my_gains",
+        "m.n:f@K=1,2",
+        "./runs/a@b",
+        "x.zip",
+    ):
+        assert PolicyName.parse(str(PolicyName.parse(text))) == PolicyName.parse(text)
+        assert str(PolicyName.parse(text)) == text
+
+
 @pytest.mark.parametrize(
     ("end", "error"),
     [
