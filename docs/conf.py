@@ -40,6 +40,7 @@ if OPTIONS.read_text(encoding="utf-8") != options_page():
     OPTIONS.write_text(options_page(), encoding="utf-8")
 
 PUBLIC = {
+    "benchmarks.run.evaluation": "",
     "fbl_gym.model.arm": "",
     "fbl_gym.interface": ":exclude-members: Constraints, Limits",
     "fbl_gym.kernel.batch": ":members: Truth",

@@ -64,7 +64,7 @@ COMMANDS: dict[str, Command] = {
 
 
 EXTRAS: dict[str, tuple[str, ...]] = {
-    "bench": ("filterpy", "matplotlib", "rich", "threadpoolctl"), "analysis": ("jinja2", "optuna", "plotly"),
+    "bench": ("filterpy", "matplotlib", "pandas", "rich", "threadpoolctl"), "analysis": ("jinja2", "optuna", "plotly"),
     "rl": ("sb3_contrib", "stable_baselines3", "torch"), "render": ("imageio_ffmpeg", "pygame"),
     "cluster": ("distributed",), "mpc": ("casadi",), "mujoco": ("mujoco",), "data": ("h5py", "minari"),
 }  # fmt: skip
