@@ -81,7 +81,11 @@ def place(path: str) -> str:
     return "standard" if path.startswith(("<", *_STANDARD)) else ""
 
 
-_STANDARD = tuple(sysconfig.get_path(name) + os.sep for name in ("stdlib", "platstdlib"))
+_LIBRARIES = [sysconfig.get_path(name) for name in ("stdlib", "platstdlib")]
+_STANDARD = (
+    *(f"{path}{os.sep}" for path in _LIBRARIES),
+    os.path.join(os.path.dirname(_LIBRARIES[0]), "python"),
+)  # a zip
 
 
 def law_modules(roots: Iterable[ModuleType]) -> dict[str, Path]:

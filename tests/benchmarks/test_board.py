@@ -296,7 +296,9 @@ def test_verify_command(tmp_path, fbl_gym):
     published = store.load(path)
     forged = ({**published.rows[0], "error_pct": 0.001}, *published.rows[1:])
     store.save(dataclasses.replace(published, rows=forged))
-    assert "DIFFERS: error_pct by up to" in fbl_gym(["verify", str(path)], 1).out
+    shown = fbl_gym(["verify", str(path)], 1).out
+    assert "DIFFERS: error_pct by up to" in shown
+    assert "the policy keeps every promise that check-policy checks" in shown
     assert "did you mean 'pid-flm/noise-1'" in fbl_gym(["verify", "pid-flm/noise-2", "--store", str(tmp_path)], 2).err
 
 
