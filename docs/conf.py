@@ -53,7 +53,6 @@ PUBLIC = {
     "controllers.name": "",
     "controllers.numerics.windup": "",
     "controllers.preview": ":exclude-members: Places",
-    "controllers.paper.feedback_linearization": "",
     "controllers.paper.kalman": "",
     "controllers.paper.estimator": "",
     "controllers.paper.gain_scheduling": "",
