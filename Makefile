@@ -17,8 +17,17 @@ plot: .venv/ready-bench
 leaderboard: .venv/ready-bench
 	$(BIN)/fbl-gym leaderboard --short
 
+# The slow tests of pages run too where a page or a public name changed since main, or if git does not know main or
+# the commit before.
+BASE = $(shell git merge-base HEAD~ origin/main 2>/dev/null || echo HEAD~)
+PAGES := '*.md' docs tests/test_docs.py Makefile
+CODE := fbl_gym controllers benchmarks
+PUBLIC := ^-( *(def|class) [a-zA-Z]|[a-zA-Z]|    [a-z_]+:|.*add_argument)
+
 test: .venv/ready-dev lint
 	$(BIN)/python -m pytest -n 2 --dist loadfile
+	if ! git diff --quiet $(BASE) -- $(PAGES) || git diff --no-renames $(BASE) -- $(CODE) | grep -qE '$(PUBLIC)'; then \
+		$(BIN)/python -m pytest -n 2 -m 'slow and page'; fi
 
 test-long: .venv/ready-dev
 	$(BIN)/python -m pytest -n 2 --dist loadfile -m slow

@@ -1,19 +1,29 @@
 """The documentation is true: its code and commands run, and its links lead somewhere.
 
+A page runs from top to bottom in one folder, which has the files of the pages that it links to. Each Python
+block has a namespace of its own, and Bash expands each shell block. A block that no test can run says so in
+the line above it, `<!-- not run: REASON -->`; what it imports and which options it takes is checked all the same.
+
 Ruff's rule D417 checks that every parameter of a public function is documented. The fields of records
 and laws are checked here.
 """
 
+import ast
 import dataclasses
+import importlib
 import inspect
+import json
+import os
 import re
 import runpy
-import shlex
 import subprocess
 import sys
+from glob import glob
+from importlib.util import find_spec
 from pathlib import Path
+from unittest import mock
 
-import gymnasium as gym
+import numpy as np
 import pytest
 
 import controllers
@@ -21,6 +31,7 @@ import fbl_gym
 from benchmarks import cli
 from benchmarks.run.suite import load
 from controllers import catalogue
+from fbl_gym import scenarios
 
 ROOT = Path(__file__).parents[1]
 PAGES = {
@@ -29,39 +40,165 @@ PAGES = {
 }
 """Text of every page by its path."""
 
-
-def blocks(page, language):
-    """Return the fenced blocks of a language in a page."""
-    return re.findall(rf"```{language}\n(.*?)```", PAGES[page], flags=re.S)
+NOTEBOOKS = sorted((ROOT / "docs" / "notebooks").glob("*.ipynb"))
+PYPROJECT, MAKEFILE = ((ROOT / name).read_text(encoding="utf-8") for name in ("pyproject.toml", "Makefile"))
 
 
-def pages_with(language):
-    return [page for page in PAGES if blocks(page, language)]
+@dataclasses.dataclass(frozen=True)
+class Block:
+    """A fenced block of a page, or a cell of a notebook; `reason` says why no test runs it."""
+
+    page: str
+    line: int
+    language: str
+    text: str
+    reason: str = ""
+
+    @property
+    def file(self):
+        """The file that the block is, named by a comment in its first line."""
+        return "".join(re.findall(r"\A# (\S+\.\w+)\n", self.text))
+
+    def __str__(self):
+        return f"{self.page}:{self.line}"
 
 
-def named_files():
-    """Return the blocks that begin with a comment with their file's name."""
-    return {
-        name: block
-        for page in PAGES
-        for block in re.findall(r"```\w+\n(.*?)```", PAGES[page], flags=re.S)
-        for name in re.findall(r"\A# (\S+)\n", block)
-    }
+FENCE = re.compile(r"^(?:<!-- not run: (.+) -->\n)?```(\S*).*\n((?:.*\n)*?)```$", flags=re.M)
+BLOCKS = {
+    page: [
+        Block(page, text.count("\n", 0, match.start(3)), match[2], match[3], match[1] or "")
+        for match in FENCE.finditer(text)
+    ]
+    for page, text in PAGES.items()
+}
+
+
+def cells(path):
+    """Return the cells of a notebook that have code."""
+    for number, cell in enumerate(json.loads(path.read_text(encoding="utf-8"))["cells"]):
+        magic, text = re.fullmatch(r"(%.*\n)?([\s\S]*)", "".join(cell["source"])).groups()
+        if cell["cell_type"] == "code" and ".toml" not in (magic or ""):
+            yield Block(path.name, number, "sh" if magic == "%%sh\n" else "python", text)
+
+
+EVERY = [block for page in PAGES for block in BLOCKS[page]] + [cell for path in NOTEBOOKS for cell in cells(path)]
+PYTHON = [block for block in EVERY if block.language == "python"]
+SHELL = [block for block in EVERY if block.language in ("sh", "bash")]
+
+
+@pytest.mark.parametrize("page", PAGES)
+def test_code_is_in_a_block_that_says_what_it_is(page):
+    """So that no code hides from the tests below: as plain text, in an indented block, or under a new name."""
+    assert len(re.findall(r"^[ >\t]*(?:```|~~~)", PAGES[page], flags=re.M)) == 2 * len(BLOCKS[page])
+    assert PAGES[page].count("<!-- not run") == sum(bool(block.reason) for block in BLOCKS[page])
+    for block in BLOCKS[page]:
+        assert re.fullmatch(r"python|sh|bash|toml|text|bibtex|markdown|\{.*", block.language), block
+        if block.language == "text":
+            assert not re.search(r"^\s*(?:fbl-gym|python|pip|make|import|from) |\w\(", block.text, flags=re.M), block
+
+
+@pytest.mark.parametrize("block", PYTHON, ids=str)
+@pytest.mark.usefixtures("folder")
+def test_what_python_imports_exists(block):
+    """Each module can be imported, and has what the block takes from it; nothing else of the block runs."""
+    for other in BLOCKS.get(block.page, ()):
+        if other.file:
+            Path(other.file).write_text(other.text)
+    names, nodes = {}, [*ast.walk(ast.parse(block.text))]
+    for node in nodes:
+        if isinstance(node, ast.Import | ast.ImportFrom):
+            try:
+                exec(ast.unparse(node), names)
+            except ModuleNotFoundError as missing:  # an extra is not installed
+                if not block.reason and f'"{missing.name.replace("_", "-")}>=' not in PYPROJECT:
+                    raise
+    for node in nodes:
+        if isinstance(node, ast.Attribute) and isinstance(node.value, ast.Name):
+            module = names.get(node.value.id)
+            assert not inspect.ismodule(module) or hasattr(module, node.attr), ast.unparse(node)
+
+
+EXPAND = 'exec 3>&1; command_not_found_handle() { printf "%s\\0" "$@" "" >&3; }; PATH=/none; set -f\n'
+"""Bash prints the words of each command in place of running it."""
+
+
+def commands(text):
+    """Return the words of each command of a shell block."""
+    text = re.sub(r"^\S+/", "", text, flags=re.M)  # of a command that is given by its path
+    done = subprocess.run(["bash", "-c", EXPAND + text], capture_output=True, text=True)
+    assert (done.returncode, done.stderr) == (0, "")
+    return [command.split("\0") for command in done.stdout.split("\0\0")[:-1]]
+
+
+@pytest.mark.parametrize("block", SHELL, ids=str)
+def test_commands_exist(block):
+    """Each command, with its options, and the files of the repository that it names."""
+    for program, first, *words in commands(block.text):
+        if program == "fbl-gym":
+            cli.prepare(first)[0].parse_args(words)
+        elif program == "make":
+            assert re.search(rf"^{first}:", MAKEFILE, flags=re.M), first
+        elif program == "pip":
+            for extra in re.findall(r"\[(.+)\]", " ".join(words)):
+                assert re.search(rf"^{extra} = ", PYPROJECT, flags=re.M), extra
+        elif program == "python" and first == "-m":
+            assert find_spec(words[0].partition(".")[0]) is None or find_spec(words[0]), words[0]
+        elif block.page in PAGES:
+            assert block.reason or first in {other.file for other in BLOCKS[block.page]}, program
+        for word in words:
+            assert not re.match(r"(benchmarks|docs|tests)/", word) or (ROOT / word).exists(), word
+
+
+@pytest.mark.parametrize("page", PAGES)
+def test_commands_in_the_text_exist(page):
+    """Each command in the text has the options that stand there."""
+    for text in re.findall(r"`fbl-gym ([^`]+)`", PAGES[page]):
+        command = text.split()
+        known = cli.prepare(command[0])[0].format_help()
+        for option in command[1:]:
+            assert not option.startswith("--") or option in known, f"fbl-gym {text}"
+    for module in re.findall(r"`(?:\w+=\S* )*python\s-m\s([\w.]+)", PAGES[page]):
+        assert find_spec(module), module
 
 
 SHORTER = {
     "learn(150_000)": "learn(64)",
     "learn(300_000": "learn(64",
     'device="cpu")': 'device="cpu", n_steps=64)',
-    "range(400)": "range(4)",
-    "range(32)": "range(4)",
     "replace(duration=3.0)": "replace(duration=0.5)",
-    "range(task.steps)": "range(500)",
+    "range(task.steps)": "range(min(500, task.steps))",
     "range(10, 14)": "range(1)",
-    "range(12000, 12006)": "range(1)",
+    '-practice", (1, 3))': '-practice", (3,))[:1]',
+    "= 12, 8, 2400": "= 1, 2, 10",
+    "SECONDS = 150": "SECONDS = 1",
     '"computed-torque-dob", "sliding-mode", "lqg"': "",
+    "0 1 2 3 4 5 6 7 8 9": "0 1",
+    "--minutes 0.667": "",
+    "--trials 10": "--trials 2",
+    "board_coverage 512": "board_coverage 2",
+    "30,25,20,15,10": "30,10",
+    " direct-practice geared-practice": "",
+    ":32": ":2",
 }
-"""What makes the Python of a page short."""
+"""What makes the code of a page short."""
+
+SHORT = {
+    "evaluate": "--seeds 2",
+    "leaderboard": "--seeds 1 --policies zero cascade-flm oracle-flm --scenarios servo-model-error-2 --workers 1",
+    "report": "--seeds 1 --policies zero cascade-flm oracle-flm --scenarios servo-model-error-2",
+    "sweep": "--seeds 1 --workers 1",
+    "tune": "--trials 2 --seeds 1 --fresh-seeds 1 --candidates 1 --workers 1",
+    "record": "--episodes 2",
+    "recommend": "--seeds 2 --minutes 0 --policies pd-gravity computed-torque --workers 1",
+    "train": "--steps 40 --hyperparameters short.json",
+    "reproduce": "--only figure-3a --short",
+    "benchmarks.speed": "--rounds 1",
+    "benchmarks.studies.ends": "--seeds 1 --workers 1",
+    "benchmarks.studies.sealed": "--seeds 1 --policies pid-flm cascade-flm oracle-flm --workers 1",
+    "tests.board_coverage": "--of 1 --scenarios servo-nominal --workers 1",
+    "tests.drawn_arms": "--minutes 0 --seeds 2 --laws pd-gravity --policies pd-gravity --workers 1",
+}
+"""Arguments that make a command short, without policies and scenarios where it names its own."""
 
 
 def shortened(text):
@@ -70,129 +207,104 @@ def shortened(text):
     return text
 
 
+def run(program, first, *words):
+    """Run a command of a page in this process, with arguments that make it short."""
+    module = program == "python" and first == "-m"
+    name, words = (words[0], words[1:]) if module else (first, words)
+    words = [match for word in words for match in sorted(glob(word)) or [word]]
+    # Two scenarios of a board, and two policies of a table.
+    words = re.sub(r"(--scenarios \S+ \S+)( (?!--)\S+)*", r"\1", " ".join(words)).split()
+    words = words[:3] if name == "benchmarks.studies.ends" else words
+    own_suite = "--suite" in words and any(word.endswith(".toml") for word in words)
+    for option in re.findall(r"--.*?(?= --|$)", SHORT.get(name, "")):
+        if option.split()[0] not in ("--policies", "--scenarios") or not (own_suite or option.split()[0] in words):
+            words += option.split()
+    if "--trace" in words:  # a log has one run
+        words += ["--seeds", "1"]
+    if "--world" in words:  # two halves of the seeds
+        words += ["--seeds", "4"]
+    if program == "fbl-gym":
+        assert cli.main([name, *words]) == 0, (name, words)
+        return
+    with mock.patch.object(sys, "argv", [name, *words]):
+        if module:
+            package = find_spec(name).submodule_search_locations
+            importlib.import_module(f"{name}.__main__" if package else name).main()
+        else:
+            runpy.run_path(name, run_name="__main__")
+
+
 @pytest.fixture
 def folder(tmp_path, monkeypatch):
-    """The current folder, with the files of the pages."""
+    """The current folder, from which Python imports, with hyperparameters of a short training."""
     monkeypatch.chdir(tmp_path)
-    for name, text in named_files().items():
-        Path(name).write_text(shortened(text))
-    return tmp_path
+    monkeypatch.syspath_prepend(tmp_path)
+    rest = {"learning_starts": 20, "buffer_size": 300}
+    each = dict.fromkeys(("sac", "td3", "tqc", "crossq"), rest) | {"ppo": {"n_steps": 10, "batch_size": 40}}
+    short = {name: {"lanes": 4, "steps": 40, "arguments": {"learning_rate": 1e-3} | each[name]} for name in each}
+    Path("short.json").write_text(json.dumps(short))
+    yield tmp_path
+    for name, module in [*sys.modules.items()]:
+        if (getattr(module, "__file__", None) or "").startswith(str(tmp_path)):
+            del sys.modules[name]
 
 
-LEARNING = ("docs/how-to/train.md", "docs/how-to/offline-learning.md", "docs/results/agents.md")
-"""Pages whose Python tests/benchmarks/rl runs."""
-
-
-@pytest.mark.parametrize(
-    ("page", "block"),
-    [
-        (page, block)
-        for page in PAGES
-        if page not in LEARNING
-        for block in blocks(page, "python")
-        if "sys.argv" not in block  # a script, which the commands of its page run
-    ],
-    ids=lambda text: text.partition("\n")[0],
-)
-@pytest.mark.usefixtures("folder")
-def test_python_of_a_page_runs(page, block):
-    """All pages but those on learning; without a warning."""
-    if "stable_baselines3" in block:
-        pytest.importorskip("stable_baselines3")
-    names = {"__name__": "__main__", "__file__": str(Path("page.py").resolve())}
-    exec(compile(shortened(block), page, "exec"), names)
-
-
-def parser_of(command):
-    return cli.prepare(command)[0]
-
-
-def commands(page):
-    """Return the commands of a page's shell blocks, `fbl-gym COMMAND ...` and `python FILE.py ...`, from the second word."""
-    lines = [line for block in blocks(page, "sh") for line in block.splitlines()]
-    lines = [line for line in lines if re.match(r"fbl-gym|python \w+\.py", line)]
-    return [shlex.split(line, comments=True)[1:] for line in lines]
-
-
-FEW = ["--seeds", "1", "--scenarios", "servo-model-error-2", "--policies", "zero", "cascade-flm", "oracle-flm"]
-SHORT = {
-    "leaderboard": FEW,
-    "report": FEW,
-    "evaluate": ["--seeds", "2"],
-    "sweep": ["--seeds", "1", "--workers", "1"],
-    "tune": ["--trials", "2", "--seeds", "1", "--fresh-seeds", "1", "--candidates", "1", "--workers", "1"],
-    "record": ["--episodes", "2"],
-    "recommend": ["--seeds", "2", "--minutes", "0", "--policies", "pd-gravity", "computed-torque", "--workers", "1"],
-}
-"""Arguments that make a command short."""
-
-ELSEWHERE = ("reproduce", "train", "curves")
-"""Commands that other tests run."""
-
-
-LONG_PAGES = (
-    "docs/start/a-day-with-a-robot.md", "docs/start/your-robot.md", "docs/how-to/identify.md", "docs/results/mujoco.md",
-    "docs/start/examples.md",
+SLOW = (
+    "explanation/statistics", "how-to/identify", "how-to/offline-learning", "how-to/recommend", "how-to/rl-tracks",
+    "how-to/tune", "reference/classes", "reference/controllers/ceiling", "results/agents", "results/ends",
+    "results/mujoco", "results/performance", "start/a-day-with-a-robot", "start/examples", "start/your-robot",
 )  # fmt: skip
+"""Pages that take more than some ten seconds."""
 
 
-def marked(page):
-    """Return a page as a parameter of a test, slow if its commands take long."""
-    return pytest.param(page, marks=[pytest.mark.slow] if page in LONG_PAGES else [])
+RUN = [page for page in PAGES if any(not b.reason and (b.file or b in PYTHON + SHELL) for b in BLOCKS[page])]
+MARKS = [pytest.mark.slow, pytest.mark.page]
 
 
-@pytest.mark.parametrize("page", [marked(page) for page in pages_with("sh") if commands(page)])
-def test_commands_of_a_page_run(page, folder, monkeypatch):
-    """In the page's order and in one folder, each with arguments that make it short; long ones are only parsed."""
-    monkeypatch.syspath_prepend(folder)  # scripts import each other
-    for archive in {word for command in commands(page) for word in command if word.endswith(".zip")}:
-        sb3 = pytest.importorskip("stable_baselines3")
-        sb3.PPO("MlpPolicy", gym.make("fbl_gym/TwoLinkArmTracking-v0"), device="cpu").save(archive)
-    for command in commands(page):
-        if command[0].endswith(".py"):
-            monkeypatch.setattr(sys, "argv", command)
-            runpy.run_path(command[0], run_name="__main__")
-            continue
-        parser_of(command[0]).parse_args(command[1:])
-        if command[0] not in ELSEWHERE:
-            short = SHORT.get(command[0], [])
-            if "--trials" in command and command[0] == "evaluate":
-                short = ["--seeds", "2", "--trials", "2"]
-            if "--world" in command:
-                short = ["--seeds", "4", "--scenarios", "servo-nominal"]
-            if "--trace" in command:  # a log has one run
-                short = ["--seeds", "1"]
-            if "my_paper.toml" in command:
-                short = ["--seeds", "1", *(["--workers", "1"] if command[0] == "leaderboard" else [])]
-            assert cli.main([*command, *short]) == 0, command
+@pytest.mark.parametrize("page", [pytest.param(page, marks=MARKS * (page[5:-3] in SLOW)) for page in RUN])
+@pytest.mark.usefixtures("folder")
+def test_a_page_runs(page):
+    """From top to bottom, without a warning."""
+    links = {os.path.normpath(Path(page).parent / link) for link in re.findall(r"\]\(([^)#\s]+\.md)", PAGES[page])}
+    for block in EVERY:
+        if block.file and block.page in links - {page}:
+            Path(block.file).write_text(shortened(block.text))
+    todo = [block for block in BLOCKS[page] if not block.reason]
+    started = {first for block in todo if block in SHELL for _, first, *_ in commands(block.text)}
+    for root in ("stable_baselines3", "sb3_contrib", "torch", "minari", "moviepy"):
+        if any(f"import {root}" in block.text or f"from {root}" in block.text for block in todo):
+            pytest.importorskip(root)
+    if "offline.py" in PAGES[page]:  # what d3rlpy would train
+        np.savez("weights.npz", *map(np.zeros, ((64, 56), (64,), (64, 64), (64,), (2, 64), (2,))))
+    for block in todo:
+        text = shortened(block.text)
+        if block.file:
+            Path(block.file).write_text(text)
+        if block.language == "toml" and block.file:
+            load(block.file).build() if "policies" in text else scenarios.get(block.file)
+        elif block in SHELL:
+            for command in commands(text):
+                run(*command)
+        elif block in PYTHON and block.file not in started:
+            names = {"__name__": "__main__", "__file__": str(Path(block.file or "page.py").resolve())}
+            with mock.patch.dict(os.environ):
+                exec(compile(text, str(block), "exec"), names)
+
+
+def test_what_shortens_a_page_is_on_a_page():
+    assert [long for long in SHORTER if not any(long in text for text in PAGES.values())] == []
+    assert {f"docs/{page}.md" for page in SLOW} <= {*PAGES}
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("path", sorted((ROOT / "docs" / "notebooks").glob("*.ipynb")), ids=lambda path: path.stem)
+@pytest.mark.page
+@pytest.mark.parametrize("path", NOTEBOOKS, ids=lambda path: path.stem)
 def test_a_notebook_runs(path, tmp_path):
     """In an empty folder, from its first cell to its last."""
     pytest.importorskip("nbclient")
     if path.stem == "agent":
         pytest.importorskip("stable_baselines3")
     runpy.run_path(path.with_name("execute.py"))["execute"](path, tmp_path)
-
-
-@pytest.mark.usefixtures("folder")
-def test_the_suite_of_the_documentation_is_read():
-    """The file of docs/how-to/own-suite.md, with the law of docs/start/your-robot.md beside it."""
-    suite = load("mine.toml").build()
-    assert suite.cells[-1].policy.name == "my_law.py"
-    assert {"noise-1", "heavy"} <= {scenario.name for scenario in suite.scenarios}
-
-
-@pytest.mark.parametrize("page", PAGES)
-def test_commands_in_the_text_exist(page):
-    """Each command in the text has the options that stand there."""
-    for text in re.findall(r"`fbl-gym ([^`]+)`", PAGES[page]):
-        command = text.split()
-        known = parser_of(command[0]).format_help()
-        for option in command[1:]:
-            assert not option.startswith("--") or option in known, f"fbl-gym {text}"
 
 
 def test_the_torch_that_is_named_is_the_one_that_is_pinned():
@@ -224,6 +336,7 @@ def test_links_of_a_page_lead_somewhere(page):
 
 
 @pytest.mark.slow
+@pytest.mark.page
 def test_the_documentation_builds_without_a_warning(tmp_path):
     """Every link has a target, and mathematics is shown without a network."""
     pytest.importorskip("sphinx")

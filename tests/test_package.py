@@ -108,12 +108,6 @@ def test_the_environment_is_found_by_module_prefix():
     assert python(code).strip() == "(12,)"
 
 
-def test_make_targets_of_the_readme_exist():
-    targets = set(re.findall(r"^([a-z-]+):", (ROOT / "Makefile").read_text(), flags=re.M))
-    named = set(re.findall(r"^make ([a-z-]+)", (ROOT / "README.md").read_text(), flags=re.M))
-    assert {"leaderboard", "test"} <= named <= targets
-
-
 def test_a_users_folder_of_the_same_name_does_not_break_the_command(tmp_path):
     """Folders `controllers` and `benchmarks` come first in the path; workers and policies get fbl-gym's too."""
     for name in ("controllers", "benchmarks"):

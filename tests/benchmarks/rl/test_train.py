@@ -4,10 +4,6 @@ import copy
 import csv
 import json
 import pickle
-import re
-import subprocess
-import sys
-from importlib.util import find_spec
 from pathlib import Path
 
 import numpy as np
@@ -15,7 +11,6 @@ import pytest
 import torch
 from filelock import FileLock
 
-from benchmarks import cli
 from benchmarks.agents.adapter import AdapterSettings
 from benchmarks.agents.agent import describe, read, saved_agent
 from benchmarks.agents.sb3 import ALGORITHMS
@@ -218,12 +213,6 @@ def test_settings_without_a_length_take_the_steps_of_the_hyperparameters():
     assert blend.hyperparameters == expected != shipped_hyperparameters("ppo")
 
 
-DOCS = Path(__file__).parents[3] / "docs"
-PAGES = "\n".join(
-    (DOCS / page).read_text() for page in ("how-to/train.md", "how-to/offline-learning.md", "results/agents.md")
-)
-
-
 @pytest.fixture
 def short(folder):
     """A folder with hyperparameters of a short run."""
@@ -251,40 +240,6 @@ def test_an_argument_that_fails_in_training_is_one_sentence(argument, short, fbl
     given["ppo"]["arguments"] |= argument
     (short / "short.json").write_text(json.dumps(given))
     assert "short.json must have arguments that fit ppo: " in fbl_gym(f"{SHORT} --scenario noise-1", 2).err
-
-
-@pytest.mark.slow
-def test_the_pages_on_learning_run(folder):
-    """Their training and recording commands with fewer steps, then its Python as printed, in one process."""
-    (command,) = [line for line in PAGES.splitlines() if line == "fbl-gym train ppo"]
-    assert cli.main([*command.split()[1:], "--steps", "16384"]) == 0
-    for line in PAGES.splitlines():
-        if line.startswith("fbl-gym record") and find_spec("minari"):
-            assert cli.main([*line.split()[1:], "--episodes", "2"]) == 0
-    for name, text in re.findall(r"```python\n# (\S+)\n(.*?)```", PAGES, flags=re.S):
-        Path(name).write_text(text)
-    blocks = re.findall(r"```python\n(.*?)```", PAGES, flags=re.S)
-    absent = ["d3rlpy", *([] if find_spec("minari") else ["minari"])]  # d3rlpy needs an environment of its own
-    absent.append("sys")  # of a script
-    code = "\n".join(block for block in blocks if not any(f"import {package}" in block for package in absent))
-    shorter = {
-        "learn(150_000)": "learn(2_048)",
-        "(1, 3)": "()",
-        "range(12000, 12008)": "range(12000, 12001)",
-        "= 12, 8, 2400": "= 1, 2, 10",
-        "SECONDS = 150": "SECONDS = 1",
-    }
-    for long, short in shorter.items():
-        assert long in code
-        code = code.replace(long, short)
-    shapes = ((64, 56), (64,), (64, 64), (64,), (2, 64), (2,))  # of the actor that d3rlpy trains
-    np.savez("weights.npz", **{str(i): np.zeros(shape) for i, shape in enumerate(shapes)})
-    process = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
-    assert process.returncode == 0, process.stderr
-    assert (folder / "trace.png").exists()
-    for archive in ("model.zip", "offline.zip"):
-        assert cli.main(["evaluate", archive, "--trust", "--scenario", "everything-2", "--seeds", "1"]) == 0
-    assert json.loads((folder / "runs/ppo-torque-0/agent.json").read_text())["algorithm"] == "ppo"
 
 
 @pytest.mark.parametrize(
