@@ -13,7 +13,10 @@ from fbl_gym.neighbours import ROOT
 def main() -> int:
     """Run a command and return the exit status."""
     sys.path.insert(0, str(ROOT))  # workers get the same path
-    return importlib.import_module("benchmarks.cli").main()
+    try:
+        return importlib.import_module("benchmarks.cli").main()
+    except KeyboardInterrupt:  # while modules are imported
+        return 130
 
 
 if __name__ == "__main__":
