@@ -3,15 +3,14 @@
 import argparse
 from typing import Any
 
-from benchmarks.cli.common import POLICY, add_trust, trust
+from benchmarks.cli.common import add, trust
 from benchmarks.policies.spec import PolicySpec, resolve
 from benchmarks.run.contract import check
 from benchmarks.text import say
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("policy", metavar="POLICY", help=POLICY)
-    add_trust(parser)
+    add(parser, "policy", "--trust")
 
 
 def run(arguments: argparse.Namespace) -> int:

@@ -14,9 +14,9 @@ from benchmarks.report.columns import Table, number
 from benchmarks.report.export import write_runs
 from benchmarks.report.latex import write_table
 from benchmarks.report.plot import Panel, band, caption, plot_comparison, plot_lines, plot_trace
-from benchmarks.run.cell import run_trials
 from benchmarks.run.metrics import counted_errors, measure, summarize
 from benchmarks.run.rollout import Trace
+from benchmarks.run.runner import run_trials
 from benchmarks.run.traces import export
 from fbl_gym import Scenario, scenarios
 from fbl_gym.model.arm import Array
@@ -25,8 +25,7 @@ Rows = list[dict[str, float]]
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    common.add_policies(parser)
-    common.add_scenario(parser)
+    common.add(parser, "policies", "--scenario")
     common.add_option(parser, "--seeds", common.episodes, 16, "N", "test seeds 0 to N-1, an arm each")
     common.add_option(parser, "--trials", common.count, 1, "K", "repeat each arm's motion in K episodes in a row")
     common.add_plot(parser, "the signals of one policy, the errors of several, or the errors over the trials")
@@ -34,7 +33,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     signals = "write all signals of all seeds of one policy, also readings and its state"
     common.add_file(parser, "--trace", signals, ".csv")
     common.add_tex(parser)
-    common.add_trust(parser)
+    common.add(parser, "--trust")
 
 
 def run(arguments: argparse.Namespace) -> int:

@@ -4,7 +4,7 @@ import argparse
 from collections.abc import Sequence
 from typing import Any
 
-from benchmarks.cli.common import add_option, add_policies, add_scenario
+from benchmarks.cli.common import add, add_option
 from benchmarks.policies.spec import PolicySpec, resolve
 from benchmarks.report.terminal import Screen, table
 from benchmarks.studies.linear import POINT, Margins, linearize
@@ -13,8 +13,7 @@ from fbl_gym.records.checks import Pair
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    add_policies(parser)
-    add_scenario(parser)
+    add(parser, "policies", "--scenario")
     add_option(parser, "--seed", int, 0, "N", "of the real arm, where it is drawn")
     rest = "where the arm rests, in rad (-1 0.5)"
     parser.add_argument("--at", nargs=2, type=float, default=POINT, metavar=("Q1", "Q2"), help=rest)

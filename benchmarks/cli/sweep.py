@@ -15,8 +15,9 @@ from benchmarks.report.export import write_runs
 from benchmarks.report.latex import write_table
 from benchmarks.report.plot import QUANTILES, Panel, band, caption, plot_lines
 from benchmarks.report.terminal import Screen, table
+from benchmarks.run.expansion import with_option
 from benchmarks.run.metrics import counted_errors
-from benchmarks.run.suite import Suite, with_option
+from benchmarks.run.suite import Suite
 from benchmarks.text import say
 from fbl_gym import scenarios
 
@@ -45,16 +46,17 @@ def over(text: str) -> tuple[str, str, list[float]]:
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    common.add_policies(parser)
+    common.add(parser, "policies")
     values = "an option from `fbl-gym list options` and its values: LOW:HIGH:log:N, LOW:HIGH:lin:N, or A,B,C; "
     values += "given more than once, all combinations of values"
     parser.add_argument("--over", type=over, action="append", required=True, metavar="OPTION=VALUES", help=values)
-    common.add_scenario(parser)
+    common.add(parser, "--scenario")
     common.add_file(parser, "--csv", "write all metrics of all runs, by default to results/sweep.csv", ".csv")
     parser.set_defaults(csv=Path("results/sweep.csv"))
     common.add_plot(parser, "the errors (a .png beside --csv)")
     common.add_tex(parser)
-    common.add_run(parser, seeds=32)
+    common.add_option(parser, "--seeds", common.episodes, 32, "N", "test seeds 0 to N-1")
+    common.add(parser, *common.RUN)
 
 
 def run(arguments: argparse.Namespace) -> int:

@@ -6,21 +6,20 @@ from pathlib import Path
 
 import numpy as np
 
-from benchmarks.cli.common import add_store, add_trust
+from benchmarks.cli.common import add
 from benchmarks.policies.spec import resolve
-from benchmarks.run.cell import run_cell
+from benchmarks.run.cell import Cell
 from benchmarks.run.contract import broken
 from benchmarks.run.metrics import METRICS
+from benchmarks.run.runner import run_cell
 from benchmarks.run.store import Result, Store, provenance
-from benchmarks.run.suite import Cell
 from benchmarks.text import say
 from fbl_gym.records.checks import unknown
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("rows", nargs="+", metavar="ROW", help="a policy/scenario of the store, or a file of a result")
-    add_trust(parser)
-    add_store(parser)
+    add(parser, "--trust", "--store")
 
 
 def run(arguments: argparse.Namespace) -> int:

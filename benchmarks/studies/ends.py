@@ -15,10 +15,10 @@ from pathlib import Path
 import numpy as np
 
 from benchmarks.policies.spec import resolve
+from benchmarks.run.cell import Cell
 from benchmarks.run.metrics import counted_errors
 from benchmarks.run.runner import run as run_cells
 from benchmarks.run.store import Result, Store
-from benchmarks.run.suite import Cell
 from benchmarks.seeds import SPLITS
 from fbl_gym import Scenario, scenarios
 from fbl_gym.model.arm import inertia_matrix

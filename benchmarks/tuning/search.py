@@ -29,10 +29,10 @@ import numpy as np
 from benchmarks.analysis.statistics import DIVERGENCE_PENALTY
 from benchmarks.files import write_text
 from benchmarks.policies.spec import PolicySpec, resolve
+from benchmarks.run.cell import Cell
 from benchmarks.run.metrics import counted_errors, measure
 from benchmarks.run.rollout import rollout
 from benchmarks.run.store import provenance
-from benchmarks.run.suite import Cell
 from benchmarks.seeds import SPLITS
 from controllers import registry
 from controllers.name import PolicyName, expect_law, gains_file
