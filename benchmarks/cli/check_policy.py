@@ -15,13 +15,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     trust(arguments)
-    count = 0
-    policy = resolve(arguments.policy)
+    policy, broken = resolve(arguments.policy), 0
     for promise, kept, detail, _ in policy.call(_check, policy):
         say(f"{'ok    ' if kept else 'BROKEN'}  {promise}: {detail}")
-        count += not kept
-    print(f"breaks {count} promises" if count else "keeps every promise of a policy")
-    return 1 if count else 0
+        broken += not kept
+    print(f"breaks {broken} promises" if broken else "keeps every promise of a policy")
+    return int(broken > 0)
 
 
 def _check(policy: PolicySpec) -> list[tuple[Any, ...]]:

@@ -25,26 +25,24 @@ def run(arguments: argparse.Namespace) -> int:
     q1, q2 = arguments.at
     title = f"{scenario.name}, at rest at ({q1:g}, {q2:g}) rad"
     rows: list[Sequence[str]] = []
-    reasons: list[str] = []
+    remarks: list[str] = []
     for policy in arguments.policies:
         spec = resolve(policy)
         try:
             margins = Margins(**spec.call(_margins, spec, scenario, (q1, q2), arguments.seed))
+            rows.append((
+                policy, f"{max(margins.gain_lower):.2f} - {min(margins.gain_upper):.2f}", f"{min(margins.phase):.0f} deg",
+                f"{1e3 * margins.delay:.1f} ms", f"{max(margins.sensitivity):.2f}", f"{max(margins.complementary):.2f}",
+            ))  # fmt: skip
         except ValueError as problem:
-            reasons.append(f"no margins of {policy}: {problem}")
-            continue
-        rows.append((
-            policy, f"{max(margins.gain_lower):.2f} - {min(margins.gain_upper):.2f}", f"{min(margins.phase):.0f} deg",
-            f"{1e3 * margins.delay:.1f} ms", f"{max(margins.sensitivity):.2f}", f"{max(margins.complementary):.2f}",
-        ))  # fmt: skip
+            remarks.append(f"no margins of {policy}: {problem}")
     screen = Screen()
-    header = ("policy", "gain margin", "phase margin", "delay margin", "peak of S", "peak of T")
     if rows:
+        header = ("policy", "gain margin", "phase margin", "delay margin", "peak of S", "peak of T")
         screen.print(table(title, header, rows))
-    for reason in reasons:
-        screen.say(reason)
-    if rows:
-        screen.say("Gain, phase and peaks: the worse joint, cut at its torque. Delay: of both torques.")
+        remarks.append("Gain, phase and peaks: the worse joint, cut at its torque. Delay: of both torques.")
+    for remark in remarks:
+        screen.say(remark)
     return 0 if rows else 1
 
 

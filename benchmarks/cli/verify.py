@@ -8,7 +8,6 @@ import numpy as np
 
 from benchmarks.cli.common import add
 from benchmarks.policies.spec import resolve
-from benchmarks.run.cell import Cell
 from benchmarks.run.contract import broken
 from benchmarks.run.metrics import METRICS
 from benchmarks.run.runner import run_cell
@@ -23,19 +22,17 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(arguments: argparse.Namespace) -> int:
-    store = Store(arguments.store)
-    differs = 0
-    for row in arguments.rows:
-        for published in _find(store, row):
-            name = dataclasses.replace(published.cell.policy.parsed, trusted=arguments.trust)
-            cell = Cell(resolve(name), published.cell.scenario, published.cell.seeds)
-            difference = compare(published, now := run_cell(cell))
-            if difference and not now.error:
-                promise = cell.policy.call(broken, cell.policy, cell.scenario)
-                difference += f"; the policy {promise or 'keeps every promise that check-policy checks'}"
-            differs += bool(difference)
-            say(f"{published.cell.id}, {len(published.rows)} seeds: {difference or 'holds, bit for bit'}")
-    return 1 if differs else 0
+    store, differs = Store(arguments.store), False
+    for published in (result for row in arguments.rows for result in _find(store, row)):
+        name = dataclasses.replace(published.cell.policy.parsed, trusted=arguments.trust)
+        cell = dataclasses.replace(published.cell, policy=resolve(name))
+        difference = compare(published, now := run_cell(cell))
+        if difference and not now.error:
+            promise = cell.policy.call(broken, cell.policy, cell.scenario)
+            difference += f"; the policy {promise or 'keeps every promise that check-policy checks'}"
+        differs |= bool(difference)
+        say(f"{published.cell.id}, {len(published.rows)} seeds: {difference or 'holds, bit for bit'}")
+    return int(differs)
 
 
 def _find(store: Store, row: str) -> list[Result]:
