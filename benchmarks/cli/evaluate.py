@@ -40,6 +40,7 @@ def run(arguments: argparse.Namespace) -> int:
     """Run the policies, print their metrics, and write the files that the arguments name."""
     common.trust(arguments)
     names = {str(name): name for name in arguments.policies}
+    policies = [*names]
     detailed, alone = arguments.trace is not None, len(names) == arguments.trials == 1
     if detailed and not alone:
         raise ValueError(f"--trace is for one policy and one trial, got {len(names)} and {arguments.trials}")
@@ -60,8 +61,8 @@ def run(arguments: argparse.Namespace) -> int:
         lines = _comparison({policy: rows for policy, (rows,) in runs.items()}, scenario)
         draw = partial(plot_comparison, last, f"Tracking errors on {scenario.name}")
     else:
-        ((policy, trace),), ((rows,),) = last.items(), runs.values()
-        title = f"{policy} on {title}"
+        (trace,), ((rows,),) = last.values(), runs.values()
+        title = f"{policies[0]} on {title}"
         lines = terminal.evaluation(rows, 1e6 * trace.decision_time)
         draw = partial(plot_trace, trace, title)
     screen.print(terminal.table(title, *lines, "left" if alone else "right"))
@@ -78,7 +79,7 @@ def run(arguments: argparse.Namespace) -> int:
         draw(arguments.plot, arguments.columns)
         screen.say(f"plot: {arguments.plot}, {caption(arguments.seeds)}")
     if arguments.trace is not None:
-        export(*last.values(), arguments.trace)
+        export(traces[policies[0]][-1], arguments.trace)
         screen.say(f"trace: {arguments.trace}")
     if arguments.csv is not None:
         cells = (

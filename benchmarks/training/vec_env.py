@@ -47,16 +47,16 @@ class VectorAdapter(VectorWrapper):
         age = np.zeros_like(self._state.age)  # the agent decides in every lane
         for _ in range(self._adapter.hold):
             self._state = self._state._replace(age=age)
-            observed, rewards, terminated, truncated, infos = self._step(actions)
-            fresh = ~(ends[0] | ends[1])
-            total += np.where(fresh, rewards, 0.0)
-            ends |= fresh & np.array([terminated, truncated], dtype=bool)
-            for lane in np.flatnonzero(fresh & np.logical_or(terminated, truncated)):
+            observed, rewards, *ended, infos = self._step(actions)
+            running = ~ends.any(axis=0)
+            total[running] += rewards[running]
+            for lane in np.flatnonzero(running & np.logical_or(*ended)):
                 final[lane] = infos["final_obs"][lane]
+            ends |= running & np.array(ended, dtype=bool)
             age = np.maximum(self._state.age, 1)
         if ends.any():
             infos |= {"final_obs": final, "_final_obs": ends.any(axis=0)}
-        return observed, total / self._adapter.hold, ends[0], ends[1], infos
+        return observed, total / self._adapter.hold, *ends, infos
 
     def _step(self, actions: Array) -> tuple[Array, Array, Array, Array, dict[str, Any]]:
         """Take one step of the environment."""
@@ -89,9 +89,8 @@ class ArmVecEnv(VecEnv):
             if mode != AutoresetMode.SAME_STEP:
                 raise ValueError(f'env must be made with autoreset_mode="SameStep", got {mode.value!r}')
         self.envs = envs
-        ends = np.cumsum([env.num_envs for env in envs])
-        self._cuts = ends[:-1]
-        super().__init__(int(ends[-1]), envs[0].single_observation_space, envs[0].single_action_space)
+        *self._cuts, lanes = np.cumsum([env.num_envs for env in envs]).tolist()
+        super().__init__(lanes, envs[0].single_observation_space, envs[0].single_action_space)
         self.metadata = dict(envs[0].metadata)
 
     def reset(self) -> Array:
