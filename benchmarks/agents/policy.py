@@ -36,7 +36,7 @@ def folder_factory(folder: Path) -> Callable[..., Agent]:
 
 
 def _factory(name: str, summary: str) -> Callable[..., Agent]:
-    """Return the factory of a shipped agent, by default of that with the smallest validation error."""
+    """Return the factory of a shipped agent; without a seed, of that which validated best."""
     folders = {seed: SHIPPED / name / str(seed) for seed in shipped()[name]}
 
     def factory(interface: Interface, seed: int | None = None) -> Agent:
