@@ -84,13 +84,12 @@ class SuiteSpec:
         tiers: severities of the families of each tier.
         without: laws and agents that are left out of all policies, the tuned ones too.
         policies: their names; empty: all, tuned where they can be.
-        tasks: names, families, files and tables of further scenarios.
+        tasks: further scenarios, and names of scenarios, families and files.
         seeds: how many of the test seeds.
         robot: class of robots with whose gains laws are tuned.
         short: names of the scenarios of its short form.
         more_seeds: how many of some scenarios, by name, in which many policies lose runs.
         ceilings: as for `Suite`; only beside the suite's own policies.
-        file: that describes the suite; None: it is one of `SUITES`.
     """
 
     name: str
@@ -104,7 +103,6 @@ class SuiteSpec:
     short: tuple[str, ...] = ()
     more_seeds: Mapping[str, int] = field(default_factory=dict)
     ceilings: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
-    file: Path | None = None
 
     @property
     def policy_names(self) -> tuple[str | PolicyName, ...]:
@@ -120,13 +118,7 @@ class SuiteSpec:
     def scenarios(self) -> tuple[Scenario, ...]:
         """The scenarios of its tiers, and its tasks."""
         members = [name for tier, severities in self.tiers.items() for name in scenarios.in_tier(tier, severities)]
-        tasks = [
-            from_table(task, self.file) if isinstance(task, dict)
-            else str(self.file.parent / task) if self.file and split_file(task)[0]
-            else task
-            for task in self.tasks
-        ]  # fmt: skip
-        return expand([*members, *tasks])
+        return expand([*members, *self.tasks])
 
     def build(
         self, policies: Sequence[PolicySpec | PolicyName | str] = (), tasks: Sequence[str | Mapping[str, Any] | Scenario] = (),
@@ -204,4 +196,8 @@ def load(name: str, trust: bool = False) -> SuiteSpec:
     if not tasks or not isinstance(tasks, list) or not all(isinstance(task, str | dict) for task in tasks):
         raise ValueError(f"scenarios of {path} must be a list of names and tables, got {tasks!r}")
     given = tuple(PolicyName.parse(policy, str(path), trust) for policy in policies)
-    return SuiteSpec(path.stem, policies=given, tasks=tuple(tasks), seeds=data.get("seeds", 64), file=path)
+    built = tuple(
+        from_table(task, path) if isinstance(task, dict) else str(path.parent / task) if split_file(task)[0] else task
+        for task in tasks
+    )
+    return SuiteSpec(path.stem, policies=given, tasks=built, seeds=data.get("seeds", 64))
