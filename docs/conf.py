@@ -59,6 +59,7 @@ PUBLIC = {
     "benchmarks.run.rollout": "",
     "benchmarks.run.metrics": "",
     "benchmarks.run.suite": "",
+    "benchmarks.run.expansion": "",
     "benchmarks.run.store": "",
     "benchmarks.run.cell": "",
     "benchmarks.run.runner": "",

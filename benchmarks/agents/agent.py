@@ -24,7 +24,6 @@ from benchmarks.agents.adapter import AdapterSettings, AgentAdapter
 from benchmarks.agents.network import Actor
 from benchmarks.files import replacing, write_text
 from controllers.base import State, TorqueLaw
-from fbl_gym.interface import Interface
 from fbl_gym.model.arm import Array
 from fbl_gym.reading import LARGEST, read_bytes
 from fbl_gym.records.checks import check_whole
@@ -133,13 +132,3 @@ def settings_of(folder: Path) -> AdapterSettings:
     """Return the adapter's settings of the agent in a folder."""
     with _reading(folder / DESCRIPTION):
         return AdapterSettings(**describe(folder)["interface"])
-
-
-def make_agent(env: Any, settings: AdapterSettings, actor: Actor) -> Agent:
-    """Return an agent for an environment or its interface."""
-    return Agent(env if isinstance(env, Interface) else env.unwrapped.interface, settings, actor)
-
-
-def saved_agent(env: Any, folder: str) -> Agent:
-    """Return the agent of a folder, see `make_agent`."""
-    return make_agent(env, *read(Path(folder)))

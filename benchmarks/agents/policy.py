@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
 
-from benchmarks.agents.agent import Agent, describe, files, saved_agent, settings_of
+from benchmarks.agents.agent import Agent, describe, files, read, settings_of
+from fbl_gym.interface import Interface
 from fbl_gym.records.checks import unknown
 
 SHIPPED = Path(__file__).parent / "shipped"
@@ -26,33 +26,26 @@ def best_seed(name: str) -> int:
     return min(shipped()[name], key=lambda seed: describe(SHIPPED / name / str(seed))["validation_mrad"])
 
 
-def shipped_agent(name: str, env: Any, seed: int | None = None) -> Agent:
-    """Return a shipped agent, by default that with the smallest validation error."""
-    if name not in shipped():
-        raise unknown("agent", name, shipped())
-    if seed is not None and seed not in shipped()[name]:
-        raise unknown("training seed", seed, map(str, shipped()[name]))
-    return saved_agent(env, str(SHIPPED / name / str(best_seed(name) if seed is None else seed)))
-
-
 def folder_factory(folder: Path) -> Callable[..., Agent]:
     """Return the factory of the agent in a folder."""
 
-    def factory(env: Any) -> Agent:
-        return saved_agent(env, str(folder))
+    def factory(interface: Interface) -> Agent:
+        return Agent(interface, *read(folder))
 
     return _declare(factory, folder, files(folder))
 
 
 def _factory(name: str, summary: str) -> Callable[..., Agent]:
-    """Return the factory of a shipped agent."""
+    """Return the factory of a shipped agent; without a seed, of that which validated best."""
+    folders = {seed: SHIPPED / name / str(seed) for seed in shipped()[name]}
 
-    def factory(env: Any, seed: int | None = None) -> Agent:
-        return shipped_agent(name, env, seed)
+    def factory(interface: Interface, seed: int | None = None) -> Agent:
+        if seed is not None and seed not in folders:
+            raise unknown("training seed", seed, map(str, folders))
+        return Agent(interface, *read(folders[best_seed(name) if seed is None else seed]))
 
     factory.__doc__ = summary
-    folder = SHIPPED / name
-    return _declare(factory, folder / "0", [path for seed in shipped()[name] for path in files(folder / str(seed))])
+    return _declare(factory, folders[0], [path for folder in folders.values() for path in files(folder)])
 
 
 def _declare(factory: Callable[..., Agent], folder: Path, data_files: list[Path]) -> Callable[..., Agent]:

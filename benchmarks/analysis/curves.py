@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from benchmarks.analysis.statistics import Estimate, geometric_mean, interval, resample
-from benchmarks.run.suite import training
+from benchmarks.run.expansion import training
 from benchmarks.text import reason_of
 from fbl_gym.model.arm import Array
 from fbl_gym.reading import read_text

@@ -3,26 +3,24 @@
 import argparse
 from typing import Any
 
-from benchmarks.cli.common import POLICY, add_trust, trust
+from benchmarks.cli.common import add, trust
 from benchmarks.policies.spec import PolicySpec, resolve
 from benchmarks.run.contract import check
 from benchmarks.text import say
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("policy", metavar="POLICY", help=POLICY)
-    add_trust(parser)
+    add(parser, "policy", "--trust")
 
 
 def run(arguments: argparse.Namespace) -> int:
     trust(arguments)
-    count = 0
-    policy = resolve(arguments.policy)
+    policy, broken = resolve(arguments.policy), 0
     for promise, kept, detail, _ in policy.call(_check, policy):
         say(f"{'ok    ' if kept else 'BROKEN'}  {promise}: {detail}")
-        count += not kept
-    print(f"breaks {count} promises" if count else "keeps every promise of a policy")
-    return 1 if count else 0
+        broken += not kept
+    print(f"breaks {broken} promises" if broken else "keeps every promise of a policy")
+    return int(broken > 0)
 
 
 def _check(policy: PolicySpec) -> list[tuple[Any, ...]]:

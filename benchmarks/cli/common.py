@@ -12,9 +12,9 @@ from rich.progress import track
 
 from benchmarks.policies.isolation import CallLimits
 from benchmarks.report.terminal import Screen
+from benchmarks.run.cell import Cell
 from benchmarks.run.runner import run as run_cells
 from benchmarks.run.store import Result, Store
-from benchmarks.run.suite import Cell
 from benchmarks.seeds import SPLITS
 from controllers.name import PolicyName
 from fbl_gym import Scenario, scenarios
@@ -55,27 +55,46 @@ def command_line() -> str:
 
 # Arguments that several commands have.
 
+POLICY = (
+    "a name from `fbl-gym list policies`, module:factory, file.py, file.py:factory, ./folder, or model.zip; "
+    "a law may end in gains: @kp=25, @kp=25,30 for the two joints, @kp=0.5x for half the tuned gain, or @gains.json"
+)
+CORES = os.cpu_count() or 1
+
+ARGUMENTS: dict[str, dict[str, Any]] = {
+    "policy": {"metavar": "POLICY", "help": POLICY},
+    "policies": {"nargs": "+", "metavar": "POLICY", "help": "one or more, as for `fbl-gym check-policy`"},
+    "--scenario": {
+        "default": "nominal", "metavar": "S",
+        "help": "a name from `fbl-gym list scenarios`, a .toml file, or SUITE.toml:NAME (nominal)",
+    },
+    "--trust": {"action": "store_true", "help": "run the code of an archive, and of policies in a file"},
+    "--store": {"type": Path, "default": Path("results/board"), "metavar": "DIR", "help": "folder of results (%(default)s)"},
+    "--workers": {
+        "type": partial(count, most=max(64, 4 * CORES), why=", four for each core"), "default": CORES, "metavar": "N",
+        "help": "processes (one per core)",
+    },
+    "--cluster": {
+        "default": "", "metavar": "ADDRESS",
+        "help": "run on the workers of a Dask scheduler, such as tcp://10.0.0.1:8786 (extra: cluster)",
+    },
+    "--columns": {"type": int, "choices": (1, 2), "default": 2, "help": "its width in columns of a journal (2)"},
+}  # fmt: skip
+RUN = ("--workers", "--cluster", "--trust", "--store")
+"""The arguments of a run of cells."""
+
+
+def add(parser: argparse.ArgumentParser, *names: str, **changes: Any) -> None:
+    """Add some of `ARGUMENTS`, perhaps with changes."""
+    for name in names:
+        parser.add_argument(name, **ARGUMENTS[name] | changes)
+
 
 def add_option(
     parser: argparse.ArgumentParser, name: str, kind: Callable[[str], Any], default: Any, metavar: str, meaning: str
 ) -> None:
     """Add an option with a value, whose help ends in its default."""
     parser.add_argument(name, type=kind, default=default, metavar=metavar, help=f"{meaning} ({default})")
-
-
-POLICY = (
-    "a name from `fbl-gym list policies`, module:factory, file.py, file.py:factory, ./folder, or model.zip; "
-    "a law may end in gains: @kp=25, @kp=25,30 for the two joints, @kp=0.5x for half the tuned gain, or @gains.json"
-)
-
-
-def add_policies(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("policies", nargs="+", metavar="POLICY", help="one or more, as for `fbl-gym check-policy`")
-
-
-def add_scenario(parser: argparse.ArgumentParser) -> None:
-    meaning = "a name from `fbl-gym list scenarios`, a .toml file, or SUITE.toml:NAME"
-    add_option(parser, "--scenario", str, "nominal", "S", meaning)
 
 
 def add_file(parser: argparse.ArgumentParser, name: str, meaning: str, *endings: str) -> None:
@@ -86,35 +105,11 @@ def add_file(parser: argparse.ArgumentParser, name: str, meaning: str, *endings:
 
 def add_plot(parser: argparse.ArgumentParser, subject: str) -> None:
     add_file(parser, "--plot", f"draw {subject}", ".png", ".svg", ".pdf")
-    parser.add_argument("--columns", type=int, choices=(1, 2), default=2, help="its width in columns of a journal (2)")
+    add(parser, "--columns")
 
 
 def add_tex(parser: argparse.ArgumentParser) -> None:
     add_file(parser, "--tex", "write the table for LaTeX (booktabs)", ".tex")
-
-
-def add_run(parser: argparse.ArgumentParser, seeds: int | None = None) -> None:
-    """Add the arguments of a run of cells; the number of seeds too, where there is a default."""
-    if seeds is not None:
-        add_option(parser, "--seeds", episodes, seeds, "N", "test seeds 0 to N-1")
-    add_workers(parser, os.cpu_count() or 1, "processes (one per core)")
-    scheduler = "run on the workers of a Dask scheduler, such as tcp://10.0.0.1:8786 (extra: cluster)"
-    parser.add_argument("--cluster", default="", metavar="ADDRESS", help=scheduler)
-    add_trust(parser)
-    add_store(parser)
-
-
-def add_workers(parser: argparse.ArgumentParser, default: int, meaning: str) -> None:
-    most = partial(count, most=max(64, 4 * (os.cpu_count() or 1)), why=", four for each core")
-    parser.add_argument("--workers", type=most, default=default, metavar="N", help=meaning)
-
-
-def add_store(parser: argparse.ArgumentParser) -> None:
-    add_option(parser, "--store", Path, Path("results/board"), "DIR", "folder of results")
-
-
-def add_trust(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("--trust", action="store_true", help="run the code of an archive, and of policies in a file")
 
 
 # What commands share.

@@ -14,9 +14,9 @@ from benchmarks.report.columns import Table, number
 from benchmarks.report.export import write_runs
 from benchmarks.report.latex import write_table
 from benchmarks.report.plot import Panel, band, caption, plot_comparison, plot_lines, plot_trace
-from benchmarks.run.cell import run_trials
 from benchmarks.run.metrics import counted_errors, measure, summarize
 from benchmarks.run.rollout import Trace
+from benchmarks.run.runner import run_trials
 from benchmarks.run.traces import export
 from fbl_gym import Scenario, scenarios
 from fbl_gym.model.arm import Array
@@ -25,8 +25,7 @@ Rows = list[dict[str, float]]
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    common.add_policies(parser)
-    common.add_scenario(parser)
+    common.add(parser, "policies", "--scenario")
     common.add_option(parser, "--seeds", common.episodes, 16, "N", "test seeds 0 to N-1, an arm each")
     common.add_option(parser, "--trials", common.count, 1, "K", "repeat each arm's motion in K episodes in a row")
     common.add_plot(parser, "the signals of one policy, the errors of several, or the errors over the trials")
@@ -34,7 +33,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     signals = "write all signals of all seeds of one policy, also readings and its state"
     common.add_file(parser, "--trace", signals, ".csv")
     common.add_tex(parser)
-    common.add_trust(parser)
+    common.add(parser, "--trust")
 
 
 def run(arguments: argparse.Namespace) -> int:
@@ -42,14 +41,14 @@ def run(arguments: argparse.Namespace) -> int:
     common.trust(arguments)
     names = {str(name): name for name in arguments.policies}
     policies = [*names]
-    if arguments.trace is not None and (len(policies) > 1 or arguments.trials > 1):
-        raise ValueError(f"--trace is for one policy and one trial, got {len(policies)} and {arguments.trials}")
+    detailed, alone = arguments.trace is not None, len(names) == arguments.trials == 1
+    if detailed and not alone:
+        raise ValueError(f"--trace is for one policy and one trial, got {len(names)} and {arguments.trials}")
     scenario = scenarios.get(arguments.scenario)
-    traces: dict[str, list[Trace]] = {}
-    for policy in policies:
-        spec = resolve(names[policy])
-        detailed = arguments.trace is not None
-        traces[policy] = run_trials(spec, scenario, range(arguments.seeds), arguments.trials, detailed=detailed)
+    traces = {
+        policy: run_trials(resolve(name), scenario, range(arguments.seeds), arguments.trials, detailed=detailed)
+        for policy, name in names.items()
+    }
     runs = {policy: [measure(trace) for trace in trials] for policy, trials in traces.items()}
     last = {policy: trials[-1] for policy, trials in traces.items()}
     title = f"{scenario.name}, {arguments.seeds} seeds"
@@ -58,7 +57,7 @@ def run(arguments: argparse.Namespace) -> int:
         title = f"error % on {title}: median (worst 5 %)"
         lines = _trials_table(traces, runs)
         draw = partial(plot_lines, f"Error over trials of {scenario.name}", [_trials_panel(runs)])
-    elif len(policies) > 1:
+    elif not alone:
         lines = _comparison({policy: rows for policy, (rows,) in runs.items()}, scenario)
         draw = partial(plot_comparison, last, f"Tracking errors on {scenario.name}")
     else:
@@ -66,12 +65,11 @@ def run(arguments: argparse.Namespace) -> int:
         title = f"{policies[0]} on {title}"
         lines = terminal.evaluation(rows, 1e6 * trace.decision_time)
         draw = partial(plot_trace, trace, title)
-    alone = len(policies) == 1 and arguments.trials == 1
     screen.print(terminal.table(title, *lines, "left" if alone else "right"))
     if alone:
         screen.say(scenario.description)
-    for policy in policies:
-        for path in names[policy].gains_of_other_arms(scenario.arm):
+    for policy, name in names.items():
+        for path in name.gains_of_other_arms(scenario.arm):
             screen.say(f"{policy}: {path} has the gains of another arm than that of {scenario.name}")
     if arguments.tex is not None:
         width = 3 if alone else len(lines[0])  # without the meaning of the metrics
@@ -81,7 +79,7 @@ def run(arguments: argparse.Namespace) -> int:
         draw(arguments.plot, arguments.columns)
         screen.say(f"plot: {arguments.plot}, {caption(arguments.seeds)}")
     if arguments.trace is not None:
-        export(last[policies[0]], arguments.trace)
+        export(traces[policies[0]][-1], arguments.trace)
         screen.say(f"trace: {arguments.trace}")
     if arguments.csv is not None:
         cells = (

@@ -95,24 +95,22 @@ def _validate(
 ) -> None:
     """Print the errors of open-loop rollouts, and draw those of the first log."""
 
-    def row(name: str, errors_of: Callable[[logs.Log, float], Array]) -> tuple[str, ...]:
-        cells = []
-        for length in HORIZONS:
-            error = 1e3 * np.concatenate([errors_of(log, length) for log in judged])
-            rms, median = np.sqrt((error**2).mean(axis=0)), np.median(np.abs(error), axis=0)
-            cells.append(f"{rms[0]:.0f} {rms[1]:.0f} ({median[0]:.0f} {median[1]:.0f})")
-        return name, *cells
+    def cell(model: str, length: float) -> str:
+        error = 1e3 * np.concatenate([models[model](log, length) for log in judged])
+        rms, median = np.sqrt((error**2).mean(axis=0)), np.median(np.abs(error), axis=0)
+        return f"{rms[0]:.0f} {rms[1]:.0f} ({median[0]:.0f} {median[1]:.0f})"
 
     def still(log: logs.Log, length: float) -> Array:
         data = windows([log], length)
         return data.state[:, :2] - data.measured[:, -1]
 
-    rows = [
-        row("this model", lambda log, length: rollout_errors(log, parameters, length)[0]),
-        row("this model, zeros as given", lambda log, length: rollout_errors(log, parameters, length, zeros=False)[0]),
-        row("starting model", lambda log, length: rollout_errors(log, start, length)[0]),
-        row("standing still", still),
-    ]
+    models: dict[str, Callable[[logs.Log, float], Array]] = {
+        "this model": lambda log, length: rollout_errors(log, parameters, length)[0],
+        "this model, zeros as given": lambda log, length: rollout_errors(log, parameters, length, zeros=False)[0],
+        "starting model": lambda log, length: rollout_errors(log, start, length)[0],
+        "standing still": still,
+    }
+    rows = [(model, *(cell(model, length) for length in HORIZONS)) for model in models]
     header = ("model", *(f"after {length:g} s" for length in HORIZONS))
     screen.print(table("open-loop error, joints 1 and 2: RMS (median) [mrad]", header, rows))
     screen.say(
@@ -126,13 +124,11 @@ def _validate(
         ends = np.full((len(x), 1, 2), np.nan)
         y, z = (np.concatenate([part[some], ends], axis=1).reshape(-1, 2).T for part in (simulated, data.measured))
         time = np.linspace(0.0, log.dt * (len(log.position) - 1), len(log.position))
-        panels: list[Panel] = []
-        for j in (0, 1):
-            real = Line(time, log.position[:, j], "measured", "0.5", "-")
-            model = Line(x.ravel(), y[j], "simulated", "#D55E00", "-")
-            panels.insert(j, Panel(f"joint {j + 1}", "time [s]", "angle [rad]", (real, model)))
-            residual = Line(x.ravel(), 1e3 * (y - z)[j], "_", "#0072B2", "-")
-            panels.append(Panel("", "time [s]", "residual [mrad]", (residual,)))
+        real = [Line(time, angle, "measured", "0.5", "-") for angle in log.position.T]
+        model = [Line(x.ravel(), angle, "simulated", "#D55E00", "-") for angle in y]
+        panels = [Panel(f"joint {j + 1}", "time [s]", "angle [rad]", (real[j], model[j])) for j in (0, 1)]
+        residuals = [Line(x.ravel(), angle, "_", "#0072B2", "-") for angle in 1e3 * (y - z)]
+        panels += [Panel("", "time [s]", "residual [mrad]", (line,)) for line in residuals]
         plot_lines(f"Rollouts of 0.5 s on {log.name}", panels, arguments.plot, arguments.columns)
         screen.say(f"plot: {arguments.plot}")
 

@@ -1,19 +1,24 @@
 """The command `fbl-gym leaderboard`."""
 
 import argparse
+import dataclasses
 import sys
 from collections.abc import Sequence
+from typing import Any
 
 from benchmarks.analysis.board import Board, assemble
-from benchmarks.cli import transfer
-from benchmarks.cli.common import add_run, add_tex, command_line, count, run_all, trust
+from benchmarks.analysis.transfer import Agreement, Runs, compare_halves, compare_orders
+from benchmarks.cli.common import RUN, add, add_tex, command_line, count, results_by_id, run_all, trust
 from benchmarks.policies.isolation import CallLimits
 from benchmarks.report import terminal
 from benchmarks.report.latex import write_board
-from benchmarks.report.terminal import Screen
+from benchmarks.report.terminal import Screen, table
+from benchmarks.run.cell import Cell
+from benchmarks.run.expansion import expand
 from benchmarks.run.store import Result, Store
-from benchmarks.run.suite import SHORT_SEEDS, SUITES, Cell, Suite, expand, load
+from benchmarks.run.suite import SHORT_SEEDS, SUITES, Suite, load
 from benchmarks.text import say
+from fbl_gym import scenarios
 from fbl_gym.scenarios.classes import CLASSES
 
 
@@ -40,12 +45,9 @@ def suites_of(arguments: argparse.Namespace) -> list[Suite]:
     if arguments.scenarios and not arguments.suite:
         classes = {scenario.robot_class for scenario in expand(arguments.scenarios)}
         names = [classes.pop() if len(classes) == 1 else "servo"]
-    suites: list[Suite] = []
-    for name in names:
-        suites.append(load(name, arguments.trust).build(
-            arguments.policies, arguments.scenarios, arguments.seeds, short=arguments.short, more=arguments.policy,
-            limits=limits_of(arguments),
-        ))  # fmt: skip
+    chosen = arguments.policies, arguments.scenarios, arguments.seeds
+    more: dict[str, Any] = {"short": arguments.short, "more": arguments.policy, "limits": limits_of(arguments)}
+    suites = [load(name, arguments.trust).build(*chosen, **more) for name in names]
     taken = [suite.name for suite in suites]
     if len(set(taken)) < len(taken):
         raise ValueError(f"--suite must give suites of different names, got {', '.join(taken)}")
@@ -59,9 +61,10 @@ def limits_of(arguments: argparse.Namespace) -> CallLimits:
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_suite(parser)
-    transfer.add_world(parser)
+    orders = f"compare the orders on the package's arm and in MuJoCo's worlds {', '.join(scenarios.WORLDS)}"
+    parser.add_argument("--world", nargs="+", choices=scenarios.WORLDS, metavar="W", help=orders)
     add_tex(parser)
-    add_run(parser)
+    add(parser, *RUN)
 
 
 def run(arguments: argparse.Namespace) -> int:
@@ -70,21 +73,21 @@ def run(arguments: argparse.Namespace) -> int:
     if arguments.tex and (arguments.world or len(suites) > 1):
         raise ValueError("--tex is for one board, such as that of --suite servo, and without --world")
     if arguments.world:
-        return max(transfer.compare(suite, arguments) for suite in suites)
+        return max(compare_worlds(suite, arguments) for suite in suites)
     cells = [cell for suite in suites for cell in suite.cells]
     for _ in run_all(cells, arguments, limits_of(arguments)):
         pass
     results = results_of(cells, store)
-    if any(result.rows for result in results):
-        boards = boards_of(suites, store)
-        terminal.leaderboards(Screen(), boards)
-        if arguments.tex is not None:
-            write_board(arguments.tex, boards[suites[0].name], command_line())
-            say(f"table: {arguments.tex}")
-        say(f"results: {arguments.store}; a page of them: fbl-gym report, with the same arguments")
-    else:
+    if not any(result.rows for result in results):
         say(f"fbl-gym: no cell has a result; {results[0].cell.id} failed: {results[0].error}", sys.stderr)
-    return 1 if any(counts(result.error) for result in results) or not any(result.rows for result in results) else 0
+        return 1
+    boards = boards_of(suites, store)
+    terminal.leaderboards(Screen(), boards)
+    if arguments.tex is not None:
+        write_board(arguments.tex, boards[suites[0].name], command_line())
+        say(f"table: {arguments.tex}")
+    say(f"results: {arguments.store}; a page of them: fbl-gym report, with the same arguments")
+    return int(any(counts(result.error) for result in results))
 
 
 def boards_of(suites: Sequence[Suite], store: Store) -> dict[str, Board]:
@@ -101,3 +104,34 @@ def results_of(cells: Sequence[Cell], store: Store) -> list[Result]:
     """Return the stored results of some cells, in their order; those that failed have an error."""
     found = (store.find(cell) or store.find_failure(cell) for cell in cells)
     return [result for result in found if result is not None]
+
+
+def compare_worlds(suite: Suite, arguments: argparse.Namespace) -> int:
+    """Run a suite in all worlds, print the boards and their agreement; return the exit status."""
+    if suite.seeds < 4:
+        raise ValueError(f"--seeds must be at least 4, two for each half, got {suite.seeds}")
+    suites = {"package": suite} | {
+        world: dataclasses.replace(suite, scenarios=tuple(scenarios.in_world(task, world) for task in suite.scenarios))
+        for world in arguments.world
+    }
+    results = results_by_id([cell for side in suites.values() for cell in side.cells], arguments)
+    failed = {result.cell.policy.name for result in results.values() if result.error}
+    names = dict.fromkeys(cell.policy.name for cell in suite.cells if cell.policy.name not in failed)
+    screen, runs = Screen(), {}
+    for side, members in suites.items():
+        screen.say(f"{side}:")
+        terminal.leaderboard(screen, assemble([results[cell.id] for cell in members.cells], members.cells))
+        runs[side] = Runs.of([[results[f"{name}/{task.name}"] for task in members.scenarios] for name in names])
+    own, *halves = (_tau(compare_halves(some)) for some in runs.values())
+    taus = (_tau(compare_orders(runs["package"], runs[world])) for world in arguments.world)
+    rows = [(world, tau, f"{own} / {half}") for world, tau, half in zip(arguments.world, taus, halves, strict=True)]
+    screen.print(table("Kendall's tau (pairs) between the orders by the error", ("world", "tau", "halves"), rows))
+    screen.say(
+        "tau: of all pairs of rows, and of those that both sides separate. halves: the same between halves of the seeds, "
+        "package's arm / world"
+    )
+    return 1 if failed else 0
+
+
+def _tau(agreement: Agreement) -> str:
+    return f"{agreement.tau:.2f} ({agreement.pairs}), {agreement.clear_tau:.2f} ({agreement.clear_pairs})"

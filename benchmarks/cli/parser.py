@@ -10,57 +10,50 @@ import signal
 import sys
 import warnings
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
-from typing import Any, NoReturn
+from typing import Any, NamedTuple, NoReturn
 
 from benchmarks.text import say, visible
 from fbl_gym import __version__
 
 
-@dataclass(frozen=True)
-class Command:
-    """A command: its file, one line of help, example arguments, and what a stopped run keeps."""
+class Command(NamedTuple):
+    """A command: one line of help, example arguments, and what a stopped run keeps."""
 
-    module: str
     help: str
-    example: str = ""
+    example: str
     kept: str = ""
 
 
-COMMANDS: dict[str, Command] = {
-    "evaluate": Command("evaluate", "evaluate policies on one scenario: metrics or a comparison, plot, trials",
+COMMANDS = {
+    "evaluate": Command("evaluate policies on one scenario: metrics or a comparison, plot, trials",
         "pid-flm cascade-flm --scenario payload-2 --plot errors.png"),
-    "leaderboard": Command("leaderboard", "run a suite: all policies on all scenario families, with the same seeds",
+    "leaderboard": Command("run a suite: all policies on all scenario families, with the same seeds",
         "--policies pid-flm cascade-flm zero oracle-flm --seeds 4", "finished cells are kept"),
-    "report": Command("report", "write the board as Markdown, CSV and one HTML page, from stored results",
+    "report": Command("write the board as Markdown, CSV and one HTML page, from stored results",
         "--policies pid-flm cascade-flm zero oracle-flm --seeds 4 --out board"),
-    "sweep": Command("sweep", "measure policies over the values of options: CSV and figure",
-        "pid-flm lqg --over noise.position=1e-4:1e-2:log:5 --scenario nominal --seeds 8",
-        "finished cells are kept"),
-    "identify": Command("identify", "turn the logs of a robot into a scenario, check it against logs, plan a motion to log",
+    "sweep": Command("measure policies over the values of options: CSV and figure",
+        "pid-flm lqg --over noise.position=1e-4:1e-2:log:5 --scenario nominal --seeds 8", "finished cells are kept"),
+    "identify": Command("turn the logs of a robot into a scenario, check it against logs, plan a motion to log",
         "run-1.csv run-2.csv --start my_arm.toml --toml identified.toml"),
-    "recommend": Command("recommend", "name the policies to use on an arm: a scenario and conditions around it",
+    "recommend": Command("name the policies to use on an arm: a scenario and conditions around it",
         "servo-nominal --policies pd-gravity computed-torque --seeds 4"),
-    "margins": Command("margins", "gain, phase and delay margins of policies, by linearisation", "pid-flm@tuned lqg"),
-    "verify": Command("verify", "run a stored result again and compare it bit for bit", "cascade-flm/servo-model-error-2"),
-    "check-policy": Command("check_policy", "check that a policy keeps every promise of a policy", "my_law.py"),
-    "tune": Command("tune", "tune a policy's gains on the tuning seeds", "computed-torque --trials 20",
-        "finished trials are kept"),
-    "train": Command("train", "train an agent of stable-baselines3 on the uncertain arm", "ppo --minutes 2",
+    "margins": Command("gain, phase and delay margins of policies, by linearisation", "pid-flm@tuned lqg"),
+    "verify": Command("run a stored result again and compare it bit for bit", "cascade-flm/servo-model-error-2"),
+    "check-policy": Command("check that a policy keeps every promise of a policy", "my_law.py"),
+    "tune": Command("tune a policy's gains on the tuning seeds", "computed-torque --trials 20", "finished trials are kept"),
+    "train": Command("train an agent of stable-baselines3 on the uncertain arm", "ppo --minutes 2",
         "the last checkpoint and the best agent are kept"),
-    "record": Command("record", "record episodes of a policy as a data set for offline learning",
+    "record": Command("record episodes of a policy as a data set for offline learning",
         "computed-torque --scenario everything-2 --noise 0.1 --out data/noisy-v0"),
-    "curves": Command("curves", "compare training runs, grouped over their seeds: table and learning curves",
+    "curves": Command("compare training runs, grouped over their seeds: table and learning curves",
         "runs/ppo-torque-0 runs/ppo-torque-1 --plot curves.png"),
-    "reproduce": Command("reproduce", "measure the paper's figures and claims, each with a verdict",
+    "reproduce": Command("measure the paper's figures and claims, each with a verdict",
         "--only figure-3a --short", "finished claims are kept"),
-    "show": Command("show", "show a scenario: every number with its unit, and what follows from them",
-        "geared-nominal servo-nominal"),
-    "list": Command("list", "list policies, scenarios, options, gains, suites or claims, with one line each",
-        "scenarios"),
-    "doctor": Command("doctor", "show versions, extras, compile cache and folders of the packages, and run a self-check",
-        "--compile"),
+    "show": Command("show a scenario: every number with its unit, and what follows from them", "geared-nominal servo-nominal"),
+    "list": Command("list policies, scenarios, options, gains, suites or claims, with one line each", "scenarios"),
+    "doctor": Command("show versions, extras, compile cache and folders of the packages, and run a self-check", "--compile"),
 }  # fmt: skip
+"""The commands; the file of each has its name, with underscores."""
 
 
 EXTRAS: dict[str, tuple[str, ...]] = {
@@ -169,11 +162,11 @@ def prepare(name: str) -> tuple[argparse.ArgumentParser, Callable[[argparse.Name
 
         raise unknown("command", name, COMMANDS)
     command = COMMANDS[name]
-    module = importlib.import_module(f"benchmarks.cli.{command.module}")
+    module = importlib.import_module(f"benchmarks.cli.{name.replace('-', '_')}")
     parser = Parser(
         prog=f"fbl-gym {name}",
         description=command.help[0].upper() + command.help[1:] + ".",
-        epilog=f"example: fbl-gym {name} {command.example}" if command.example else None,
+        epilog=f"example: fbl-gym {name} {command.example}",
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     module.add_arguments(parser)

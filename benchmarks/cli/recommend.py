@@ -7,7 +7,7 @@ from functools import partial
 
 from rich.progress import Progress
 
-from benchmarks.cli.common import add_option, add_run, command_line, results_by_id, trust
+from benchmarks.cli.common import RUN, add, add_option, command_line, episodes, results_by_id, trust
 from benchmarks.report.terminal import Screen, table
 from benchmarks.studies import recommend
 from benchmarks.studies.recommend import RULE, Likeness, Recommendation
@@ -23,7 +23,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--policies", nargs="+", metavar="POLICY", help=candidates)
     meaning = "time to tune the best laws for the arm, into results/gains/SCENARIO; 0: none"
     add_option(parser, "--minutes", float, 5.0, "M", meaning)
-    add_run(parser, seeds=16)
+    add_option(parser, "--seeds", episodes, 16, "N", "test seeds 0 to N-1")
+    add(parser, *RUN)
 
 
 def run(arguments: argparse.Namespace) -> int:

@@ -24,8 +24,7 @@ def folder(text: str) -> Path:
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("policy", metavar="POLICY", help=common.POLICY)
-    common.add_scenario(parser)
+    common.add(parser, "policy", "--scenario")
     common.add_option(parser, "--episodes", common.count, 100, "N", "number of episodes")
     common.add_option(parser, "--seed", int, 0, "K", f"training seed, with {SEEDS_PER_RUN} episode seeds")
     meaning = "standard deviation of noise on the actions, as a share of their bound"
@@ -33,7 +32,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     recorded = "the environment whose observations are recorded (tracking)"
     parser.add_argument("--observation", choices=("tracking", "raw"), default="tracking", help=recorded)
     parser.add_argument("--out", type=folder, required=True, metavar="DIR", help="new folder, such as data/expert-v0")
-    common.add_trust(parser)
+    common.add(parser, "--trust")
 
 
 def run(arguments: argparse.Namespace) -> int:

@@ -4,7 +4,7 @@ import argparse
 import sys
 from pathlib import Path
 
-from benchmarks.cli.common import add_option, add_store, add_trust, command_line
+from benchmarks.cli.common import add, add_option, command_line
 from benchmarks.cli.leaderboard import add_suite, boards_of, counts, results_of, suites_of
 from benchmarks.files import write_text
 from benchmarks.report import markdown, terminal
@@ -18,8 +18,7 @@ from fbl_gym.reading import read_text
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_suite(parser)
-    add_trust(parser)
-    add_store(parser)
+    add(parser, "--trust", "--store")
     add_option(parser, "--out", Path, Path("results/report"), "DIR", "folder of the report")
     readme = "put the first rows of each board between the markers `<!-- leaderboard -->` of this file, all rows into "
     readme += "docs/results/board.md beside it, and their scores into docs/pictures/scores.svg"

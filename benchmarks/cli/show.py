@@ -33,13 +33,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(arguments: argparse.Namespace) -> int:
     """Print the options of a scenario, or the differences of two, and what follows from them."""
     tasks = [scenarios.get(name) for name in (arguments.scenario, arguments.other) if name is not None]
-    console, header = Console(), [task.name for task in tasks]
-    derived = [follows(task) for task in tasks]
-    for title, columns in (("option", [dict(options(task)) for task in tasks]), ("what follows", derived)):
+    for title, describe in (("option", lambda task: dict(options(task))), ("what follows", follows)):
+        columns = [describe(task) for task in tasks]
         names = dict.fromkeys(name for column in columns for name in column)
         rows = [[name, *(column.get(name, "–") for column in columns)] for name in names]
-        differing = [row for row in rows if title == "what follows" or len({*row[1:]}) > 1]
-        console.print(table("", [title, *header], differing if arguments.other else rows, justify="left"))
+        if title == "option" and arguments.other:
+            rows = [row for row in rows if len({*row[1:]}) > 1]
+        Console().print(table("", [title, *(task.name for task in tasks)], rows, justify="left"))
     for task in tasks:
         for doubt in doubts(task):
             say(f"{task.name}: {doubt}", sys.stderr)
@@ -48,8 +48,7 @@ def run(arguments: argparse.Namespace) -> int:
 
 def doubts(scenario: Scenario) -> Iterator[str]:
     """Yield sentences on what the arm cannot do, or what looks like a mistake of units."""
-    limit = scenario.actuator.torque_limit
-    if limit is not None:
+    if scenario.actuator.torque_limit is not None:
         share = _share(scenario, *reference_motion(scenario, SEEDS))
         if share.max() > 100.0:
             yield f"its motion needs {_both(share, '%')} of actuator.torque_limit, which is in N m"
@@ -97,13 +96,11 @@ def _words(value: Any) -> str:
         numbers = [f"{x:.4g}" for x in value.values]
         if kind == "choice":
             return "one of " + ", ".join(numbers)
-        if numbers[0] == numbers[1]:
-            return numbers[0]
-        return f"{numbers[0]} to {numbers[1]}, {kind.replace('_', '-')}"
+        low, high = numbers
+        return low if low == high else f"{low} to {high}, {kind.replace('_', '-')}"
     if isinstance(value, tuple):
-        if len(value) == 2 and value[0] == value[1]:
-            return _words(value[0])
-        return "; ".join(map(_words, value)) if len(value) < 9 else f"{len(value)} values"
+        words = value[:1] if len(value) == 2 and value[0] == value[1] else value
+        return "; ".join(map(_words, words)) if len(value) < 9 else f"{len(value)} values"
     return f"{value:.6g}" if isinstance(value, float) else str(value)
 
 
@@ -148,18 +145,15 @@ def follows(scenario: Scenario) -> dict[str, str]:
 
 
 def _share(scenario: Scenario, q: Array, v: Array, a: Array) -> Array:
-    """Return the largest torque of a motion in % of the drives' limit, [2]."""
-    return 100 * np.abs(_needed(scenario, q, v, a)).max(axis=(0, 1)) / np.array(scenario.actuator.torque_limit)
+    """Return the largest torque of a motion in % of the drives' limit, [2].
 
-
-def _needed(scenario: Scenario, q: Array, v: Array, a: Array) -> Array:
-    """Return the torque of a motion of the nominal arm with the friction's middle [N m]."""
-    friction = scenario.friction
+    It is that of the nominal arm, with the friction's middle.
+    """
     torque = inverse_dynamics(dataclasses.replace(scenario.arm, rotor=scenario.rotor), q, v, a)
-    if friction is None:
-        return torque
-    numbers = {name: np.array([middle(x) for x in getattr(friction, name)]) for name in ("viscous", "coulomb", "load")}
-    return torque + numbers["viscous"] * v + (numbers["coulomb"] + numbers["load"] * np.abs(torque)) * np.sign(v)
+    if friction := scenario.friction:
+        viscous, dry, load = (np.array([*map(middle, x)]) for x in (friction.viscous, friction.coulomb, friction.load))  # type: ignore[arg-type]
+        torque = torque + viscous * v + (dry + load * np.abs(torque)) * np.sign(v)
+    return 100 * np.abs(torque).max(axis=(0, 1)) / np.array(scenario.actuator.torque_limit)
 
 
 def _both(numbers: Array, unit: str) -> str:

@@ -1,6 +1,7 @@
 """The command `fbl-gym sweep`: the error over the values of options."""
 
 import argparse
+import functools
 import itertools
 import math
 import sys
@@ -15,8 +16,9 @@ from benchmarks.report.export import write_runs
 from benchmarks.report.latex import write_table
 from benchmarks.report.plot import QUANTILES, Panel, band, caption, plot_lines
 from benchmarks.report.terminal import Screen, table
+from benchmarks.run.expansion import with_option
 from benchmarks.run.metrics import counted_errors
-from benchmarks.run.suite import Suite, with_option
+from benchmarks.run.suite import Suite
 from benchmarks.text import say
 from fbl_gym import scenarios
 
@@ -45,16 +47,17 @@ def over(text: str) -> tuple[str, str, list[float]]:
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    common.add_policies(parser)
+    common.add(parser, "policies")
     values = "an option from `fbl-gym list options` and its values: LOW:HIGH:log:N, LOW:HIGH:lin:N, or A,B,C; "
     values += "given more than once, all combinations of values"
     parser.add_argument("--over", type=over, action="append", required=True, metavar="OPTION=VALUES", help=values)
-    common.add_scenario(parser)
+    common.add(parser, "--scenario")
     common.add_file(parser, "--csv", "write all metrics of all runs, by default to results/sweep.csv", ".csv")
     parser.set_defaults(csv=Path("results/sweep.csv"))
     common.add_plot(parser, "the errors (a .png beside --csv)")
     common.add_tex(parser)
-    common.add_run(parser, seeds=32)
+    common.add_option(parser, "--seeds", common.episodes, 32, "N", "test seeds 0 to N-1")
+    common.add(parser, *common.RUN)
 
 
 def run(arguments: argparse.Namespace) -> int:
@@ -65,15 +68,10 @@ def run(arguments: argparse.Namespace) -> int:
         raise ValueError(f"--over must name options that are no part of each other, got {' '.join(names)}")
     if (size := math.prod(map(len, values)) * len(arguments.policies)) > MOST_CELLS:
         raise ValueError(f"--over must give at most {MOST_CELLS} cells, policies times values, got {size}")
-    points = list(itertools.product(*values))
-    tasks = []
-    for point in points:
-        task = scenarios.get(arguments.scenario)
-        for name, value in zip(names, point, strict=True):
-            task = with_option(task, name, value)
-        tasks.append(task)
-    suite = Suite("sweep", tuple(arguments.policies), tuple(tasks), arguments.seeds)
-    cells = suite.cells
+    base, points = scenarios.get(arguments.scenario), list(itertools.product(*values))
+    options_of = (zip(names, point, strict=True) for point in points)
+    tasks = tuple(functools.reduce(lambda task, pair: with_option(task, *pair), pairs, base) for pairs in options_of)
+    cells = Suite("sweep", tuple(arguments.policies), tasks, arguments.seeds).cells
     results = common.results_by_id(cells, arguments)
     curves: dict[str, list[list[float]]] = {}
     lost: dict[str, list[int]] = {}
@@ -84,23 +82,20 @@ def run(arguments: argparse.Namespace) -> int:
             say(f"fbl-gym: {cell.id} failed: {result.error}", sys.stderr)
         runs.append(((cell.policy.name, *point), cell.seeds, result.rows))
         others = (f"{option} {value:g}" for option, value in zip(names[1:], point[1:], strict=True))
-        errors = counted_errors(result.rows) or [np.nan] * len(cell.seeds)
         name = ", ".join([cell.policy.name, *others])
-        curves.setdefault(name, []).append(errors)
+        curves.setdefault(name, []).append(counted_errors(result.rows) or [np.nan] * len(cell.seeds))
         lost.setdefault(name, []).append(sum(row["diverged"] > 0 for row in result.rows))
     write_runs(arguments.csv, ("policy", *names), runs)
     path = arguments.plot or arguments.csv.with_suffix(".png")
-    unit = {option.path: option.unit for option in options()}.get(names[0])
-    label = f"{names[0]} [{unit}]" if unit else names[0]
+    label = next((f"{names[0]} [{x.unit}]" for x in options() if x.path == names[0] and x.unit), names[0])
     lines = tuple(band(np.array(values[0]), np.array(errors), name) for name, errors in curves.items())
     panel = Panel("", label, "error [%]", lines, (scales[0], "log"))
     plot_lines(f"Error on {arguments.scenario}, {arguments.seeds} seeds", [panel], path, arguments.columns)
     columns = [[np.format_float_positional(value, trim="-") for value in values[0]]]
     for name, curve in curves.items():
         bands = zip(*np.quantile(curve, QUANTILES, axis=-1), lost[name], strict=True)
-        columns.append(
-            [f"{number(mid)} ({number(low)}–{number(high)})" + f", {n} lost" * (n > 0) for low, mid, high, n in bands]
-        )
+        texts = ((f"{number(mid)} ({number(low)}–{number(high)})", n) for low, mid, high, n in bands)
+        columns.append([text + f", {n} lost" * (n > 0) for text, n in texts])
     header, rows = (label, *curves), list(zip(*columns, strict=True))
     meaning = f"median error in % (10 to 90 % of {arguments.seeds} seeds), and the number of diverged runs"
     Screen().print(table(meaning, header, rows))
@@ -108,4 +103,4 @@ def run(arguments: argparse.Namespace) -> int:
         write_table(arguments.tex, header, rows, common.command_line(), meaning)
         say(f"table: {arguments.tex}")
     say(f"runs: {arguments.csv}\nfigure: {path}, {caption(arguments.seeds)}")
-    return 1 if any(result.error for result in results.values()) else 0
+    return int(any(result.error for result in results.values()))

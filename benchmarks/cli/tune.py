@@ -7,10 +7,10 @@ from pathlib import Path
 
 import numpy as np
 
-from benchmarks.cli.common import add_option, add_policies, add_workers, command_line, count, refuse_judged
+from benchmarks.cli.common import add, add_option, command_line, count, refuse_judged
 from benchmarks.policies.isolation import Failed, run_parallel
 from benchmarks.policies.spec import resolve
-from benchmarks.run.suite import distinguish, expand
+from benchmarks.run.expansion import distinguish, expand
 from benchmarks.text import say
 from benchmarks.tuning import search
 from benchmarks.tuning.search import Task
@@ -20,7 +20,7 @@ from fbl_gym.scenarios.classes import CLASSES
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    add_policies(parser)
+    add(parser, "policies")
     add_option(parser, "--trials", count, 10, "N", "trials for each gain, those of earlier runs counted")
     add_option(parser, "--seeds", count, 16, "N", "tuning seeds of each scenario")
     add_option(parser, "--candidates", count, 10, "N", "number of best trials to judge once more")
@@ -31,7 +31,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--class", dest="robot", choices=tuple(CLASSES), default="servo", help=practice)
     shared = "database of the studies, as for Optuna, which processes and machines may share"
     add_option(parser, "--storage", str, search.STORAGE, "URL", shared)
-    add_workers(parser, 1, "processes, a policy each (1)")
+    add(parser, "--workers", default=1, help="processes, a policy each (1)")
     target = parser.add_mutually_exclusive_group()
     out = "folder for the gains, which POLICY@DIR then names (results/gains)"
     target.add_argument("--out", type=Path, default=Path("results/gains"), metavar="DIR", help=out)

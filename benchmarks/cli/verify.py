@@ -6,37 +6,33 @@ from pathlib import Path
 
 import numpy as np
 
-from benchmarks.cli.common import add_store, add_trust
+from benchmarks.cli.common import add
 from benchmarks.policies.spec import resolve
-from benchmarks.run.cell import run_cell
 from benchmarks.run.contract import broken
 from benchmarks.run.metrics import METRICS
+from benchmarks.run.runner import run_cell
 from benchmarks.run.store import Result, Store, provenance
-from benchmarks.run.suite import Cell
 from benchmarks.text import say
 from fbl_gym.records.checks import unknown
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("rows", nargs="+", metavar="ROW", help="a policy/scenario of the store, or a file of a result")
-    add_trust(parser)
-    add_store(parser)
+    add(parser, "--trust", "--store")
 
 
 def run(arguments: argparse.Namespace) -> int:
-    store = Store(arguments.store)
-    differs = 0
-    for row in arguments.rows:
-        for published in _find(store, row):
-            name = dataclasses.replace(published.cell.policy.parsed, trusted=arguments.trust)
-            cell = Cell(resolve(name), published.cell.scenario, published.cell.seeds)
-            difference = compare(published, now := run_cell(cell))
-            if difference and not now.error:
-                promise = cell.policy.call(broken, cell.policy, cell.scenario)
-                difference += f"; the policy {promise or 'keeps every promise that check-policy checks'}"
-            differs += bool(difference)
-            say(f"{published.cell.id}, {len(published.rows)} seeds: {difference or 'holds, bit for bit'}")
-    return 1 if differs else 0
+    store, differs = Store(arguments.store), False
+    for published in (result for row in arguments.rows for result in _find(store, row)):
+        name = dataclasses.replace(published.cell.policy.parsed, trusted=arguments.trust)
+        cell = dataclasses.replace(published.cell, policy=resolve(name))
+        difference = compare(published, now := run_cell(cell))
+        if difference and not now.error:
+            promise = cell.policy.call(broken, cell.policy, cell.scenario)
+            difference += f"; the policy {promise or 'keeps every promise that check-policy checks'}"
+        differs |= bool(difference)
+        say(f"{published.cell.id}, {len(published.rows)} seeds: {difference or 'holds, bit for bit'}")
+    return int(differs)
 
 
 def _find(store: Store, row: str) -> list[Result]:

@@ -5,7 +5,7 @@ zeros of the angles, as drives are often zeroed where the arm happens to rest.
 """
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.optimize import least_squares
@@ -115,54 +115,63 @@ class _Problem:
         return self.data.simulate(p, zero[:, self.data.log], self.data.state + moved) - self.data.measured
 
     def solve(
-        self, rounds: int = 3, evaluations: int = 15, start_size: Array | float = 0.05
+        self, rounds: int = 3, evaluations: int = 15, start: Array | float = 0.05
     ) -> tuple[Array, Array, Array, Array]:
         """Return the solution, its residuals, their derivative and the size of the errors [k x 2].
 
         Errors are relative to a size, first the given one, then that of the errors of each round.
         """
-        data, n, k = self.data, len(self.free), len(self.data.keep)
         indices, zeros = [INDEX[name] for name in self.free], 2 * (int(self.data.log[-1]) + 1)
-        low = np.r_[np.zeros(n), np.full(zeros, -np.inf)]
-        x = np.r_[np.maximum(self.first[indices] / self.scale[indices], 1e-3), np.zeros(zeros)]
-        prior, size = x, np.array(np.broadcast_to(start_size, (k, 2)))
-        moves = np.zeros((n + 2, n + zeros))
-        moves[:n, :n], moves[n, n::2], moves[n + 1, n + 1 :: 2] = STEP * np.eye(n), STEP, STEP
+        x = prior = np.r_[np.maximum(self.first[indices] / self.scale[indices], 1e-3), np.zeros(zeros)]
+        size = np.array(np.broadcast_to(start, (len(self.data.keep), 2)))
         for _ in range(rounds):
-            states = 0.5 * np.diag(data.spread)
-            to_state = np.stack([(self.error(x[None], s) - self.error(x[None], -s))[0] for s in states], axis=-1)
-            rows = to_state / (data.spread * size[..., None] * np.sqrt(k))
-            weights = np.broadcast_to(np.diag(1.0 / data.spread), (len(rows), 4, 4))
-            basis = np.linalg.qr(np.concatenate([rows.reshape(-1, 2 * k, 4), weights], axis=1))[0]
-
-            def without_state(errors: Array, size: Array = size, basis: Array = basis) -> Array:
-                """Return scaled errors [windows x (2 k + 4) x m] less what the state explains."""
-                scaled = (errors / size / np.sqrt(k)).reshape(*errors.shape[:2], 2 * k)
-                full = np.moveaxis(np.concatenate([scaled, np.zeros((*scaled.shape[:2], 4))], axis=-1), 0, -1)
-                return full - basis @ (basis.transpose(0, 2, 1) @ full)
-
-            def residual(x: Array, project: Callable[..., Array] = without_state) -> Array:
-                return np.r_[project(self.error(x[None])).ravel(), x - prior * (low == 0)]
-
-            def derivative(x: Array, project: Callable[..., Array] = without_state) -> Array:
-                up, down = x + moves, np.maximum(x - moves, low)
-                slope = (self.error(up) - self.error(down)) / (up - down).max(axis=1)[:, None, None, None]
-                moved = project(slope)
-                table = np.zeros((*moved.shape[:2], n + zeros))
-                table[..., :n] = moved[..., :n]
-                for j in (0, 1):
-                    table[np.arange(len(table)), :, n + 2 * data.log + j] = moved[..., n + j]
-                return np.concatenate([table.reshape(-1, n + zeros), np.eye(n + zeros)])
-
-            solution = least_squares(
-                residual, x, derivative, bounds=(low, np.inf), loss="soft_l1", f_scale=0.5, max_nfev=evaluations, xtol=1e-6,
-                ftol=1e-6,
-            )  # fmt: skip
-            x = solution.x
-            left = without_state(self.error(x[None]))[:, : 2 * k, 0].reshape(-1, k, 2) * size * np.sqrt(k)
+            x, residual, table, left = self._round(x, prior, size, evaluations)
             spread = 1.4826 * np.median(np.abs(left), axis=0)
             size = np.maximum(spread, np.maximum(0.1 * spread.max(axis=0), 1e-4))
-        return x, solution.fun, derivative(x), size
+        return x, residual, table, size
+
+    def _round(self, x: Array, prior: Array, size: Array, evaluations: int) -> tuple[Array, Array, Array, Array]:
+        """Return solution, residuals, their derivative, and the errors [windows x k x 2] left."""
+        data, n, k = self.data, len(self.free), len(self.data.keep)
+        low = np.where(np.arange(len(x)) < n, 0.0, -np.inf)
+        moves = np.zeros((n + 2, len(x)))  # the zeros of all logs at once
+        moves[:n, :n], moves[n, n::2], moves[n + 1, n + 1 :: 2] = STEP * np.eye(n), STEP, STEP
+        states = 0.5 * np.diag(data.spread)
+        to_state = np.stack([(self.error(x[None], s) - self.error(x[None], -s))[0] for s in states], axis=-1)
+        rows = to_state / (data.spread * size[..., None] * np.sqrt(k))
+        weights = np.broadcast_to(np.diag(1.0 / data.spread), (len(rows), 4, 4))
+        basis = np.linalg.qr(np.concatenate([rows.reshape(-1, 2 * k, 4), weights], axis=1))[0]
+
+        def without_state(errors: Array) -> Array:
+            """Return scaled errors [windows x (2 k + 4) x m] less what the state explains."""
+            scaled = (errors / size / np.sqrt(k)).reshape(*errors.shape[:2], 2 * k)
+            full = np.moveaxis(np.concatenate([scaled, np.zeros((*scaled.shape[:2], 4))], axis=-1), 0, -1)
+            return full - basis @ (basis.transpose(0, 2, 1) @ full)
+
+        def residual(x: Array) -> Array:
+            return np.r_[without_state(self.error(x[None])).ravel(), x - prior * (low == 0)]
+
+        def derivative(x: Array) -> Array:
+            up, down = x + moves, np.maximum(x - moves, low)
+            slope = (self.error(up) - self.error(down)) / (up - down).max(axis=1)[:, None, None, None]
+            moved = without_state(slope)
+            table = np.zeros((*moved.shape[:2], len(x)))
+            table[..., :n] = moved[..., :n]
+            for j in (0, 1):
+                table[np.arange(len(table)), :, n + 2 * data.log + j] = moved[..., n + j]
+            return np.concatenate([table.reshape(-1, len(x)), np.eye(len(x))])
+
+        found = least_squares(
+            residual, x, derivative, bounds=(low, np.inf), loss="soft_l1", f_scale=0.5, max_nfev=evaluations, xtol=1e-6,
+            ftol=1e-6,
+        )  # fmt: skip
+        left = without_state(self.error(found.x[None]))[:, : 2 * k, 0].reshape(-1, k, 2) * size * np.sqrt(k)
+        return found.x, found.fun, derivative(found.x), left
+
+    def fitted(self, evaluations: int, size: Array) -> tuple[Array, Array]:
+        """Return the parameters [16] of one round, and the errors left [windows x k x 2]."""
+        x = self.solve(1, evaluations, size)[0][None]
+        return self.unpack(x)[0][0], self.error(x)[0]
 
     def draws(self, x: Array, residual: Array, table: Array, number: int = 2000) -> Array:
         """Return parameters [number x 16] that scatter as the fits without one part do (jackknife).
@@ -215,19 +224,15 @@ def identify(logs: list[Log], start: Scenario, tick: Callable[[str], object] = s
     )  # fmt: skip
     tick("first fit")
     first, data = regress(logs, given, start.arm.L1, gravity), windows(logs, every=0.5, substeps=2)
-    scale = _scale(logs, first)
-
-    def problem(free: tuple[str, ...], data: Windows = data, first: Array = first) -> _Problem:
-        return _Problem(data, free, first, tie, scale)
-
-    x, _, _, size = problem(free).solve()
-    first = problem(free).unpack(x[None])[0][0]
+    problem = _Problem(data, free, first, tie, _scale(logs, first))
+    x, _, _, size = problem.solve()
+    problem = replace(problem, first=problem.unpack(x[None])[0][0])
     # Few logs are judged and held out in thirds.
     part = data.log if len(logs) > 2 else 3 * data.log + (2.999 * data.time / data.time.max()).astype(int)
     ratios = []
     for k in np.unique(part):
-        models = [problem(names, data.take(part == k), first) for names in ((), free)]
-        errors = [np.abs(model.error(model.solve(1, 8, size)[0][None])).mean(axis=(0, 1, 2)) + 1e-4 for model in models]
+        models = [replace(problem, free=names, data=data.take(part == k)) for names in ((), free)]
+        errors = [np.abs(model.fitted(8, size)[1]).mean(axis=(0, 1)) + 1e-4 for model in models]
         ratios.append(np.exp(np.log(errors[0] / errors[1]).mean()))
     if (worst := max(ratios)) > MIXED:
         name = logs[data.log[part == np.unique(part)[np.argmax(ratios)]][0]].name
@@ -235,35 +240,33 @@ def identify(logs: list[Log], start: Scenario, tick: Callable[[str], object] = s
             f"logs must be of one robot that does not change, but a model of {name} alone has errors {worst:.1f} times smaller "
             "than the model of all logs"
         )
-    fold = part % FOLDS
-
-    def held_out(free: tuple[str, ...]) -> Array:
-        """Return the error of windows of each fold [folds], by the fit to the other folds."""
-        costs = []
-        for k in np.unique(fold):
-            others = problem(free, data.take(fold != k), first)
-            p = others.unpack(others.solve(1, 8, size)[0][None])[0][0]
-            judged = problem((), data.take(fold == k), p)
-            errors = judged.error(judged.solve(1, 6, size)[0][None])[0]
-            costs.append(np.mean(np.sqrt(1.0 + (errors / size) ** 2) - 1.0))
-        return np.array(costs)
-
     tick("held-out error")
-    least, trials = held_out(free), {}
+    least, trials = _held_out(problem, part % FOLDS, size), {}
     for term, names in TERMS.items():
         tick(term)
-        error = held_out((*free, *names))
+        longer = replace(problem, free=(*problem.free, *names))
+        error = _held_out(longer, part % FOLDS, size)
         trials[term] = float(np.median(error / least))
         if trials[term] < LOWERS and (error < 1.01 * least).all():
-            free, least = (*free, *names), error
+            problem, least = longer, error
     tick("intervals")
-    last = problem(free, windows(logs), first)
+    free, last = problem.free, replace(problem, data=windows(logs))
     x, residual, table, _ = last.solve(2, 15, size)
     (parameters,), (zero,) = last.unpack(x[None])
     draws = last.draws(x, residual, table)
-    wide = draws.std(axis=0) > 0.3 * np.maximum(np.abs(parameters), 0.1 * scale)
+    wide = draws.std(axis=0) > 0.3 * np.maximum(np.abs(parameters), 0.1 * last.scale)
     weak = {name: EXCITE["p" if name[0] == "p" else name.split()[0]] for name in free if wide[INDEX[name]]}
     return Fit(parameters, free, draws, zero, weak, trials)
+
+
+def _held_out(problem: _Problem, fold: Array, size: Array) -> Array:
+    """Return the error of windows of each fold [folds], by the fit to the other folds."""
+    costs = []
+    for k in np.unique(fold):
+        parameters, _ = replace(problem, data=problem.data.take(fold != k)).fitted(8, size)
+        _, errors = replace(problem, data=problem.data.take(fold == k), free=(), first=parameters).fitted(6, size)
+        costs.append(np.mean(np.sqrt(1.0 + (errors / size) ** 2) - 1.0))
+    return np.array(costs)
 
 
 def rollout_errors(log: Log, parameters: Array, length: float, zeros: bool = True) -> tuple[Array, Windows, Array]:

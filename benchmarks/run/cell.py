@@ -1,70 +1,75 @@
-"""One cell: run it, in this process or a fresh one, and return its result."""
+"""A cell as data: one policy on one scenario over a batch of seeds, and its key."""
 
-from collections.abc import Sequence
+import contextlib
+import functools
+from dataclasses import dataclass
+from functools import cached_property
+from importlib import metadata
 from typing import Any
 
-from threadpoolctl import threadpool_limits
-
-from benchmarks.policies.isolation import CallLimits, Failed
-from benchmarks.policies.spec import PolicySpec
-from benchmarks.run.contract import broken, watch
-from benchmarks.run.metrics import measure
-from benchmarks.run.rollout import Trace, rollout_trials
-from benchmarks.run.store import Result, provenance
-from benchmarks.run.suite import Cell
-from benchmarks.text import reason_of
+from benchmarks.policies.key import data_digest
+from benchmarks.policies.spec import PolicySpec, resolve
 from fbl_gym import Scenario
+from fbl_gym.records.record import set_fields
+from fbl_gym.scenarios import as_scenario
 
 
-def run_cell(cell: Cell, command: str = "", limits: CallLimits | None = None) -> Result:
-    """Run one cell and return its result, or its error where the policy fails.
-
-    Code of an external policy runs in a fresh process, and its trace is measured in this one.
-
-    Args:
-        cell: to be run.
-        command: the command that was typed, for the record.
-        limits: of the time and memory of a cell; None: those of external policies.
-    """
-    try:
-        if cell.policy.problem:
-            raise ValueError(cell.policy.problem)
-        (trace,) = run_trials(cell.policy, cell.scenario, cell.seeds, 1, limits, check=True)
-        rows = measure(trace)
-    except (Exception, SystemExit) as problem:  # a policy may raise anything, and other cells must not suffer
-        error = str(problem) if isinstance(problem, Failed) else reason_of(problem)
-        return Result.failure(cell, error, command)
-    return Result(cell, tuple(rows), 1e6 * trace.decision_time, provenance=provenance(command, cell.packages))
-
-
-def run_trials(
-    policy: PolicySpec, scenario: Scenario, seeds: Sequence[int], trials: int = 1, limits: CallLimits | None = None, *,
-    check: bool = False, detailed: bool = False,
-) -> list[Trace]:  # fmt: skip
-    """Return the traces of `rollout_trials`; code of an external policy runs in a fresh process.
+@dataclass(frozen=True)
+class Cell:
+    """One policy on one scenario over a batch of seeds.
 
     Args:
-        policy: to be run.
-        scenario: the task.
-        seeds: a lane each.
-        trials: in a row.
-        limits: of time and memory.
-        check: an external policy must keep its promises on the scenario first.
-        detailed: the traces have their `details`.
+        policy: its specification, or the text that names it.
+        scenario: a Scenario, its name, or the plain data that makes one.
+        seeds: every policy meets the same ones, so comparisons are paired.
     """
-    arguments = policy, scenario, tuple(seeds), trials, check and policy.external, detailed
-    return [Trace(scenario=scenario, **signals) for signals in policy.call(_run, *arguments, limits=limits)]
+
+    policy: PolicySpec
+    scenario: Scenario
+    seeds: tuple[int, ...]
+
+    def __post_init__(self) -> None:
+        set_fields(self, policy=resolve(self.policy), scenario=as_scenario(self.scenario), seeds=tuple(self.seeds))
+
+    @property
+    def id(self) -> str:
+        """Policy and scenario, such as "cascade-flm/mass-error-2"."""
+        return f"{self.policy.name}/{self.scenario.name}"
+
+    @cached_property
+    def identity(self) -> dict[str, Any]:
+        """All that the cell's numbers depend on, as plain data."""
+        policy = self.policy.identity
+        robot = self.policy.parsed.robot_of(self.scenario.robot_class)
+        return {
+            **policy,
+            "tuned": policy["tuned"].get(robot, {}),
+            "scenario": plain_options(self.scenario, "description"),
+            "seeds": list(self.seeds),
+            **({"packages": versions(self.packages)} if self.packages else {}),
+        }
+
+    @property
+    def packages(self) -> tuple[str, ...]:
+        """Names of the packages of extras that compute its numbers."""
+        return (*self.policy.packages, *(("mujoco",) if self.scenario.plant is not None else ()))
+
+    @cached_property
+    def key(self) -> str:
+        """Hash of the cell's identity, 20 hexadecimal digits."""
+        return data_digest(self.identity)[:20]
 
 
-def _run(
-    policy: PolicySpec, scenario: Scenario, seeds: Sequence[int], trials: int, check: bool, detailed: bool
-) -> list[dict[str, Any]]:
-    """Return the fields of each trial's trace, but the scenario."""
-    with threadpool_limits(1):
-        if check and (reason := broken(policy, scenario)):
-            raise Failed(reason)
-        with watch(policy) as seen:
-            traces = [*map(vars, rollout_trials(policy, scenario, seeds, trials, detailed=detailed))]
-        if check and seen.seen:
-            raise Failed("; ".join(seen.seen))
-        return [{name: signal for name, signal in trace.items() if name != "scenario"} for trace in traces]
+@functools.cache
+def versions(packages: tuple[str, ...]) -> dict[str, str]:
+    """Return the version of each package, or "absent"."""
+    known = dict.fromkeys(packages, "absent")
+    for package in packages:
+        with contextlib.suppress(metadata.PackageNotFoundError):
+            known[package] = metadata.version(package)
+    return known
+
+
+def plain_options(scenario: Scenario, *without: str) -> dict[str, Any]:
+    """Return a scenario's options as plain data, without some of them."""
+    return {name: value for name, value in scenario.to_dict().items() if name not in without}

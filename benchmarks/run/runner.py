@@ -1,4 +1,4 @@
-"""Runs the cells that a store lacks, in processes of this machine or of a cluster.
+"""Runs one cell, and the cells that a store lacks, in processes of this machine or of a cluster.
 
 A finished cell is in the store, which this process alone writes.
 """
@@ -8,12 +8,20 @@ import os
 import platform
 from collections.abc import Iterator, Sequence
 from pathlib import Path
+from typing import Any
+
+from threadpoolctl import threadpool_limits
 
 from benchmarks.policies.isolation import CallLimits, Failed, run_parallel
 from benchmarks.policies.key import PACKAGES, data_digest, digests
-from benchmarks.run.cell import run_cell
-from benchmarks.run.store import Result, Store
-from benchmarks.run.suite import Cell
+from benchmarks.policies.spec import PolicySpec
+from benchmarks.run.cell import Cell
+from benchmarks.run.contract import broken, watch
+from benchmarks.run.metrics import measure
+from benchmarks.run.rollout import Trace, rollout_trials
+from benchmarks.run.store import Result, Store, provenance
+from benchmarks.text import reason_of
+from fbl_gym import Scenario
 from fbl_gym.neighbours import ROOT
 
 
@@ -63,3 +71,57 @@ def code_of_process() -> str:
     """Return a hash of the packages' code as it was when this process first asked for it."""
     files = [file for package in PACKAGES for file in (ROOT / package).rglob("*.py")]
     return data_digest(digests({file.relative_to(ROOT).as_posix(): file for file in files}))
+
+
+def run_cell(cell: Cell, command: str = "", limits: CallLimits | None = None) -> Result:
+    """Run one cell and return its result, or its error where the policy fails.
+
+    Code of an external policy runs in a fresh process, and its trace is measured in this one.
+
+    Args:
+        cell: to be run.
+        command: the command that was typed, for the record.
+        limits: of the time and memory of a cell; None: those of external policies.
+    """
+    try:
+        if cell.policy.problem:
+            raise ValueError(cell.policy.problem)
+        (trace,) = run_trials(cell.policy, cell.scenario, cell.seeds, 1, limits, check=True)
+        rows = measure(trace)
+    except (Exception, SystemExit) as problem:  # a policy may raise anything, and other cells must not suffer
+        error = str(problem) if isinstance(problem, Failed) else reason_of(problem)
+        return Result.failure(cell, error, command)
+    return Result(cell, tuple(rows), 1e6 * trace.decision_time, provenance=provenance(command, cell.packages))
+
+
+def run_trials(
+    policy: PolicySpec, scenario: Scenario, seeds: Sequence[int], trials: int = 1, limits: CallLimits | None = None, *,
+    check: bool = False, detailed: bool = False,
+) -> list[Trace]:  # fmt: skip
+    """Return the traces of `rollout_trials`; code of an external policy runs in a fresh process.
+
+    Args:
+        policy: to be run.
+        scenario: the task.
+        seeds: a lane each.
+        trials: in a row.
+        limits: of time and memory.
+        check: an external policy must keep its promises on the scenario first.
+        detailed: the traces have their `details`.
+    """
+    arguments = policy, scenario, tuple(seeds), trials, check and policy.external, detailed
+    return [Trace(scenario=scenario, **signals) for signals in policy.call(_traces, *arguments, limits=limits)]
+
+
+def _traces(
+    policy: PolicySpec, scenario: Scenario, seeds: Sequence[int], trials: int, check: bool, detailed: bool
+) -> list[dict[str, Any]]:
+    """Return the fields of each trial's trace, but the scenario."""
+    with threadpool_limits(1):
+        if check and (reason := broken(policy, scenario)):
+            raise Failed(reason)
+        with watch(policy) as seen:
+            traces = [*map(vars, rollout_trials(policy, scenario, seeds, trials, detailed=detailed))]
+        if check and seen.seen:
+            raise Failed("; ".join(seen.seen))
+        return [{name: signal for name, signal in trace.items() if name != "scenario"} for trace in traces]

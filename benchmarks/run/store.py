@@ -24,8 +24,8 @@ from typing import Any
 from benchmarks.files import write_text
 from benchmarks.policies.key import data_digest
 from benchmarks.policies.spec import PolicySpec
+from benchmarks.run.cell import Cell, versions
 from benchmarks.run.metrics import METRICS
-from benchmarks.run.suite import Cell, versions
 from benchmarks.text import visible
 from fbl_gym.reading import read_bytes
 

@@ -1,93 +1,24 @@
-"""Cells as data, each one policy on one scenario over a batch of seeds; and suites."""
+"""Suites as data: which policies on which scenarios with how many seeds."""
 
-import contextlib
-import dataclasses
-import functools
-import json
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
-from importlib import metadata
 from pathlib import Path
 from typing import Any
 
 import controllers
-from benchmarks.agents.policy import best_seed, shipped
 from benchmarks.policies.isolation import CallLimits
-from benchmarks.policies.key import data_digest
 from benchmarks.policies.spec import PolicySpec, names, resolve
+from benchmarks.run.cell import Cell
+from benchmarks.run.expansion import distinguish, expand, members
 from benchmarks.seeds import SPLITS
-from benchmarks.text import reason_of
 from controllers.name import PolicyName
 from fbl_gym import Scenario, scenarios
-from fbl_gym.reading import read_bytes
 from fbl_gym.records.checks import check_choice, check_whole, unknown
-from fbl_gym.records.record import merged, naming, set_fields
-from fbl_gym.scenarios import as_scenario
+from fbl_gym.records.record import set_fields
 from fbl_gym.scenarios.classes import CLASSES
 from fbl_gym.scenarios.files import from_table, read_toml
 from fbl_gym.scenarios.files import split as split_file
-
-
-@dataclass(frozen=True)
-class Cell:
-    """One policy on one scenario over a batch of seeds.
-
-    Args:
-        policy: its specification, or the text that names it.
-        scenario: a Scenario, its name, or the plain data that makes one.
-        seeds: every policy meets the same ones, so comparisons are paired.
-    """
-
-    policy: PolicySpec
-    scenario: Scenario
-    seeds: tuple[int, ...]
-
-    def __post_init__(self) -> None:
-        set_fields(self, policy=resolve(self.policy), scenario=as_scenario(self.scenario), seeds=tuple(self.seeds))
-
-    @property
-    def id(self) -> str:
-        """Policy and scenario, such as "cascade-flm/mass-error-2"."""
-        return f"{self.policy.name}/{self.scenario.name}"
-
-    @cached_property
-    def identity(self) -> dict[str, Any]:
-        """All that the cell's numbers depend on, as plain data."""
-        policy = self.policy.identity
-        robot = self.policy.parsed.robot_of(self.scenario.robot_class)
-        return {
-            **policy,
-            "tuned": policy["tuned"].get(robot, {}),
-            "scenario": plain_options(self.scenario, "description"),
-            "seeds": list(self.seeds),
-            **({"packages": versions(self.packages)} if self.packages else {}),
-        }
-
-    @property
-    def packages(self) -> tuple[str, ...]:
-        """Names of the packages of extras that compute its numbers."""
-        return (*self.policy.packages, *(("mujoco",) if self.scenario.plant is not None else ()))
-
-    @cached_property
-    def key(self) -> str:
-        """Hash of the cell's identity, 20 hexadecimal digits."""
-        return data_digest(self.identity)[:20]
-
-
-@functools.cache
-def versions(packages: tuple[str, ...]) -> dict[str, str]:
-    """Return the version of each package, or "absent"."""
-    known = dict.fromkeys(packages, "absent")
-    for package in packages:
-        with contextlib.suppress(metadata.PackageNotFoundError):
-            known[package] = metadata.version(package)
-    return known
-
-
-def plain_options(scenario: Scenario, *without: str) -> dict[str, Any]:
-    """Return a scenario's options as plain data, without some of them."""
-    return {name: value for name, value in scenario.to_dict().items() if name not in without}
 
 
 @dataclass(frozen=True)
@@ -122,88 +53,21 @@ class Suite:
     @cached_property
     def cells(self) -> list[Cell]:
         """The cells, scenario by scenario, each with every policy; last those of ceilings."""
+
+        def cell(policy: PolicySpec, task: Scenario, number: int) -> Cell:
+            return Cell(policy, task, tuple(SPLITS["test"][:number]))
+
         policies = [*map(resolve, self.policies)]
-        seeds = [tuple(SPLITS["test"][: self.more_seeds.get(task.name, self.seeds)]) for task in self.scenarios]
-        tasks = [*zip(self.scenarios, seeds, strict=True)]
-        cells = [Cell(policy, task, some) for task, some in tasks for policy in policies]
-        return cells + [
-            Cell(resolve(law), task, tuple(SPLITS["test"][: self.seeds]))
-            for law, names in self.ceilings.items() if law not in (policy.name for policy in policies)
-            for task in self.scenarios if task.name in names
-        ]  # fmt: skip
-
-
-def training(folder: Path) -> tuple[str, int]:
-    """Return the settings of a run of `fbl-gym train` without the seed, as text, and the seed."""
-    try:
-        settings = json.loads(read_bytes(folder / "run.json"))
-        seed = settings.pop("seed")
-    except (OSError, ValueError, LookupError, TypeError, AttributeError) as problem:
-        raise ValueError(f"{folder / 'run.json'} must be as fbl-gym train writes it ({reason_of(problem)})") from None
-    return json.dumps(settings, sort_keys=True), seed
-
-
-def members(
-    policies: Iterable[PolicySpec | PolicyName | str], limits: CallLimits | None = None
-) -> tuple[PolicySpec, ...]:
-    """Return the members of a board's policies, each with its rows.
-
-    The members of a shipped agent are its training seeds, first that with the smallest validation
-    error. Folders of `fbl-gym train` whose settings differ in the seed alone are members of one
-    row, with the name of the first folder without the seed at its end; a second folder of the same
-    settings and seed is a row of its own. Any other policy is its only member. NAME and NAME@0 are
-    two rows, both of which have the member NAME@0. `limits` are those of loading a policy.
-    """
-    rows: dict[str, tuple[PolicySpec, ...]] = {}
-    runs: dict[str, dict[int, PolicySpec]] = {}
-    given = dict.fromkeys(resolve(policy, limits) for policy in policies)
-    for spec in given:
-        if spec.name in shipped():
-            best = best_seed(spec.name)
-            seeds = (best, *(seed for seed in shipped()[spec.name] if seed != best))
-            rows[spec.name] = tuple(resolve(dataclasses.replace(spec.parsed, seed=seed)) for seed in seeds)
-            continue
-        if spec.parsed.form == "folder" and Path(spec.name, "run.json").is_file():
-            settings, seed = training(Path(spec.name))
-            if runs.setdefault(settings, {}).setdefault(seed, spec) is spec:
-                continue
-        for row in spec.rows or (spec.name,):
-            rows[row] = (*rows.get(row, ()), spec)
-    for run in runs.values():
-        seed, spec = next(iter(run.items()))
-        name = spec.name.removesuffix(f"-{seed}") if len(run) > 1 else spec.name
-        taken = name in rows or any(name == other.name for other in given)
-        rows[spec.name if taken else name] = tuple(run.values())
-    specs = dict.fromkeys(spec for row in rows.values() for spec in row)
-    return tuple(dataclasses.replace(spec, rows=tuple(row for row in rows if spec in rows[row])) for spec in specs)
-
-
-def distinguish(tasks: Sequence[Scenario]) -> tuple[Scenario, ...]:
-    """Return the scenarios, each once, and distinct names for those that share one.
-
-    A name is kept by the scenario that the package has under it, or else by the first one.
-    """
-    owners: dict[str, str] = {}
-    distinct: dict[tuple[str, str], Scenario] = {}
-    for task in tasks:
-        usual = scenarios.get(task.name) if task.name in scenarios.names() else task
-        content, first = (data_digest(plain_options(each, "name", "description")) for each in (task, usual))
-        own = owners.setdefault(task.name, first) == content
-        distinct[task.name, content] = task if own else task.replace(name=f"{task.name}~{content[:6]}")
-    return tuple(distinct.values())
-
-
-def with_option(scenario: Scenario, option: str, value: float) -> Scenario:
-    """Return the scenario with another value of an option, which becomes part of its name.
-
-    `option` is its path, such as "noise.position", as `fbl-gym list options` prints it.
-    """
-    changes: Any = value
-    for part in reversed(option.split(".")):
-        changes = {part: changes}
-    name = f"{scenario.name},{option}={value:g}"
-    with naming(changes):
-        return Scenario.from_dict({**merged(scenario.to_dict(), changes), "name": name})
+        named = {task.name: task for task in self.scenarios}
+        absent = {law: names for law, names in self.ceilings.items() if law not in (spec.name for spec in policies)}
+        return [
+            *(
+                cell(spec, task, self.more_seeds.get(name, self.seeds))
+                for name, task in named.items()
+                for spec in policies
+            ),
+            *(cell(resolve(law), named[name], self.seeds) for law in absent for name in absent[law] if name in named),
+        ]
 
 
 PAPER = ("pid-flm", "cascade-flm", "robust-flm", "adaptive-flm")
@@ -220,13 +84,12 @@ class SuiteSpec:
         tiers: severities of the families of each tier.
         without: laws and agents that are left out of all policies, the tuned ones too.
         policies: their names; empty: all, tuned where they can be.
-        tasks: names, families, files and tables of further scenarios.
+        tasks: further scenarios, and names of scenarios, families and files.
         seeds: how many of the test seeds.
         robot: class of robots with whose gains laws are tuned.
         short: names of the scenarios of its short form.
         more_seeds: how many of some scenarios, by name, in which many policies lose runs.
         ceilings: as for `Suite`; only beside the suite's own policies.
-        file: that describes the suite; None: it is one of `SUITES`.
     """
 
     name: str
@@ -240,7 +103,6 @@ class SuiteSpec:
     short: tuple[str, ...] = ()
     more_seeds: Mapping[str, int] = field(default_factory=dict)
     ceilings: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
-    file: Path | None = None
 
     @property
     def policy_names(self) -> tuple[str | PolicyName, ...]:
@@ -256,13 +118,7 @@ class SuiteSpec:
     def scenarios(self) -> tuple[Scenario, ...]:
         """The scenarios of its tiers, and its tasks."""
         members = [name for tier, severities in self.tiers.items() for name in scenarios.in_tier(tier, severities)]
-        tasks = [
-            from_table(task, self.file) if isinstance(task, dict)
-            else str(self.file.parent / task) if self.file and split_file(task)[0]
-            else task
-            for task in self.tasks
-        ]  # fmt: skip
-        return expand([*members, *tasks])
+        return expand([*members, *self.tasks])
 
     def build(
         self, policies: Sequence[PolicySpec | PolicyName | str] = (), tasks: Sequence[str | Mapping[str, Any] | Scenario] = (),
@@ -340,21 +196,8 @@ def load(name: str, trust: bool = False) -> SuiteSpec:
     if not tasks or not isinstance(tasks, list) or not all(isinstance(task, str | dict) for task in tasks):
         raise ValueError(f"scenarios of {path} must be a list of names and tables, got {tasks!r}")
     given = tuple(PolicyName.parse(policy, str(path), trust) for policy in policies)
-    return SuiteSpec(path.stem, policies=given, tasks=tuple(tasks), seeds=data.get("seeds", 64), file=path)
-
-
-def expand(tasks: Sequence[str | Mapping[str, Any] | Scenario]) -> tuple[Scenario, ...]:
-    """Return the scenarios of all that `as_scenario` takes, and of names of families.
-
-    A family such as "noise" or "servo-noise" stands for its severities 1 to 3.
-    """
-    chosen: list[Scenario] = []
-    for name in tasks:
-        if not isinstance(name, str) or split_file(name)[0] or name.partition("@")[0] in scenarios.names():
-            chosen.append(as_scenario(name))
-            continue
-        family = [member for tier in scenarios.TIERS for member in scenarios.in_tier(tier) if member[:-2] == name]
-        if not family:
-            raise unknown("scenario or family", name, (*scenarios.families(), *scenarios.names()))
-        chosen.extend(map(scenarios.get, family))
-    return tuple(chosen)
+    built = tuple(
+        from_table(task, path) if isinstance(task, dict) else str(path.parent / task) if split_file(task)[0] else task
+        for task in tasks
+    )
+    return SuiteSpec(path.stem, policies=given, tasks=built, seeds=data.get("seeds", 64))

@@ -7,18 +7,18 @@ mildest value.
 """
 
 import argparse
-import dataclasses
 import os
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 
 from benchmarks.policies.spec import resolve
+from benchmarks.run.cell import Cell
 from benchmarks.run.metrics import counted_errors
 from benchmarks.run.runner import run as run_cells
 from benchmarks.run.store import Result, Store
-from benchmarks.run.suite import Cell
 from benchmarks.seeds import SPLITS
 from fbl_gym import Scenario, scenarios
 from fbl_gym.model.arm import inertia_matrix
@@ -45,20 +45,6 @@ def axes(robot: str) -> dict[str, dict[float, Scenario]]:
     assert error is not None
     inertia = inertia_matrix(nominal.arm.lumped, (0.0, 0.0)).diagonal()
 
-    def delayed(milliseconds: float) -> Scenario:
-        late = ends_of(drive.delay)[1] + 1e-3 * milliseconds
-        return nominal.replace(actuator=dataclasses.replace(drive, delay=late))
-
-    def rubbed(times: float) -> Scenario:
-        levels = {name: scaled(getattr(friction, name), times) for name in ("viscous", "coulomb", "stiction")}
-        return nominal.replace(friction=dataclasses.replace(friction, **levels))
-
-    def loaded(share: float) -> Scenario:
-        return nominal.replace(parameter_error=dataclasses.replace(error, payload={"mass": share * nominal.arm.m2}))
-
-    def bending(frequency: float) -> Scenario:
-        return nominal.replace(link={"frequency": frequency, "damping": 0.05}, physics_dt=1e-4)
-
     def springy(frequency: float, encoder: str) -> Scenario:
         """Return springs; each stretched joint vibrates at a frequency [Hz] on a held motor."""
         stiffness = tuple(inertia * (2 * np.pi * frequency) ** 2)
@@ -68,16 +54,20 @@ def axes(robot: str) -> dict[str, dict[float, Scenario]]:
         }  # fmt: skip
         return nominal.replace(joint=joint, physics_dt=1e-4)
 
-    stiffnesses = (40, 20, 12, 8, 5, 4, 3, 2)
+    late, link, stiffnesses = ends_of(drive.delay)[1], nominal.arm.m2, (40, 20, 12, 8, 5, 4, 3, 2)
+    levels = {name: getattr(friction, name) for name in ("viscous", "coulomb", "stiction")}
     return {
-        "further delay [ms]": {x: delayed(x) for x in _DELAYS[robot]},
+        "further delay [ms]": {x: nominal.replace(actuator=replace(drive, delay=late + 1e-3 * x)) for x in _DELAYS[robot]},
         "springs, encoder on the link [Hz]": {x: springy(x, "link") for x in stiffnesses},
         "springs, encoder on the motor [Hz]": {x: springy(x, "motor") for x in stiffnesses},
-        "links that bend [Hz]": {x: bending(x) for x in (80, 40, 30, 20, 15, 10, 7, 5)},
-        "friction [times]": {x: rubbed(x) for x in (1, 2, 4, 8, 16, 32)},
-        "payload [times the second link]": {x: loaded(x) for x in (0, 0.25, 0.5, 1, 2, 4)},
+        "links that bend [Hz]": {x: nominal.replace(link={"frequency": x, "damping": 0.05}, physics_dt=1e-4)
+            for x in (80, 40, 30, 20, 15, 10, 7, 5)},
+        "friction [times]": {x: nominal.replace(friction=replace(friction, **{k: scaled(y, x) for k, y in levels.items()}))
+            for x in (1, 2, 4, 8, 16, 32)},
+        "payload [times the second link]": {x: nominal.replace(parameter_error=replace(error, payload={"mass": x * link}))
+            for x in (0, 0.25, 0.5, 1, 2, 4)},
         "rate [times]": {x: nominal.replace(control_dt=nominal.control_dt / x) for x in (2, 1, 0.5, 0.25)},
-    }
+    }  # fmt: skip
 
 
 def end(results: Mapping[float, Result]) -> str:
@@ -109,17 +99,17 @@ def main(argv: Sequence[str] | None = None) -> None:
     parser.add_argument("--workers", type=int, default=os.cpu_count() or 1, metavar="N", help="processes")
     parser.add_argument("--store", type=Path, default=Path("results/board"), metavar="DIR", help="folder of results")
     arguments = parser.parse_args(argv)
-    pushed = axes(arguments.robot)
-    store, seeds = Store(arguments.store), tuple(SPLITS["test"][: arguments.seeds])
-    specs = {policy: resolve(policy) for policy in arguments.policies}
-    cells = {
-        (policy, title, value): Cell(spec, task.replace(name=f"{title.partition(' [')[0]} {value:g}"), seeds)
-        for policy, spec in specs.items() for title, tasks in pushed.items() for value, task in tasks.items()
-    }  # fmt: skip
-    results = {result.cell.id: result for _, result in run_cells([*cells.values()], store, workers=arguments.workers)}
+    pushed = {
+        title: {x: task.replace(name=f"{title.partition(' [')[0]} {x:g}") for x, task in tasks.items()}
+        for title, tasks in axes(arguments.robot).items()
+    }
+    seeds, specs = tuple(SPLITS["test"][: arguments.seeds]), [*map(resolve, arguments.policies)]
+    cells = [Cell(spec, task, seeds) for spec in specs for tasks in pushed.values() for task in tasks.values()]
+    runs = run_cells(cells, Store(arguments.store), workers=arguments.workers)
+    results = {result.cell.id: result for _, result in runs}
     print("| policy | " + " | ".join(pushed) + " |\n" + "| --- " * (1 + len(pushed)) + "|")
-    for policy in arguments.policies:
-        ends = [end({x: results[cells[policy, title, x].id] for x in pushed[title]}) for title in pushed]
+    for policy in (spec.name for spec in specs):
+        ends = (end({x: results[f"{policy}/{task.name}"] for x, task in tasks.items()}) for tasks in pushed.values())
         print(f"| `{policy}` | " + " | ".join(ends) + " |")
 
 

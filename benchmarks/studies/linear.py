@@ -98,7 +98,7 @@ class LinearLoop:
         encoder: latency and difference [samples], and the low-pass filter's share of a new value;
             difference 0: the velocity is measured.
         matrices: A, B, C, D of K.
-        readings: names of y, as in `Layout.names`.
+        readings: number of entries of y in each slot of the observation, by name.
         action_scale: torque of an action of 1, [2] N m.
     """
 
@@ -110,7 +110,7 @@ class LinearLoop:
     measured: int
     encoder: tuple[int, int, float]
     matrices: tuple[Array, Array, Array, Array]
-    readings: tuple[str, ...]
+    readings: dict[str, int]
     action_scale: Array
 
     def plant(self, more_delay: float = 0.0) -> tuple[Array, Array, Array]:
@@ -126,18 +126,17 @@ class LinearLoop:
             a = np.block([[a, b], [np.zeros((2, size)), -np.eye(2) / self.lag]])
             b = np.vstack([np.zeros((size, 2)), np.eye(2) / self.lag])
         whole, part = divmod((self.delay + more_delay) / self.control_dt + 1e-9, 1.0)
-        unused = np.zeros((0, len(a))), np.zeros((0, 2))
-        early, early_input, *_ = cont2discrete((a, b, *unused), part * self.control_dt)
-        late, late_input, *_ = cont2discrete((a, b, *unused), (1.0 - part) * self.control_dt)
+        system = a, b, np.zeros((0, len(a))), np.zeros((0, 2))
+        early, early_input, *_ = cont2discrete(system, part * self.control_dt)
+        late, late_input, *_ = cont2discrete(system, (1.0 - part) * self.control_dt)
 
         # Inputs: the commands of now and of the last samples, as many as act or are observed.
         # The past ones are states.
         n, k = len(a), int(whole)
-        past = max(k + 1, sum(name.startswith("previous_actions") for name in self.readings) // 2)
+        past = max(k + 1, self.readings.get("previous_actions", 0) // 2)
         inputs = np.zeros((n, 2 * (past + 1)))
-        inputs[:, 2 * k : 2 * k + 2], inputs[:, 2 * k + 2 : 2 * k + 4] = late_input, late @ early_input
-        shift = np.eye(2 * past, 2 * (past + 1))
-        both = np.vstack([np.hstack([late @ early, inputs]), np.hstack([np.zeros((len(shift), n)), shift])])
+        inputs[:, 2 * k : 2 * k + 4] = np.hstack([late_input, late @ early_input])
+        both = np.vstack([np.hstack([late @ early, inputs]), np.eye(2 * past, n + 2 * (past + 1), k=n)])
         b, both = both[:, n : n + 2], np.delete(both, [n, n + 1], axis=1)
 
         # The last readings of position and velocity, the newest first, are states, too.
@@ -158,8 +157,8 @@ class LinearLoop:
         acting = size if self.lag > 0.0 else n + 2 * k
         outputs["acceleration"][:, acting : acting + 2] += self.drive[2:4]
         outputs["previous_actions"][:, n:length] = np.diag(np.tile(1.0 / self.action_scale, past))
-        rows = [outputs[name[: name.index("[")]][int(name[name.index("[") + 1 : -1])] for name in self.readings]
-        return a, np.vstack([b, np.zeros((len(a) - length, 2))]), np.array(rows)
+        rows = [outputs[slot][:number] for slot, number in self.readings.items()]
+        return a, np.vstack([b, np.zeros((len(a) - length, 2))]), np.vstack(rows)
 
     def _series(self, more_delay: float = 0.0) -> tuple[Array, Array, Array]:
         """Return A, B, C of K P, the loop that is cut open at the plant's input."""
@@ -284,7 +283,8 @@ def _loop(
     """Linearise at a true state, and at an observation [size] with the policy's state."""
     layout, (motion, drive) = interface.layout, _motion(scenario, truth)
     encoder = scenario.encoder or Encoder()
-    entries = np.concatenate([np.arange(layout.size)[layout[slot]] for slot in MEASURED if slot in layout])
+    slots = {slot: np.arange(layout.size)[layout[slot]] for slot in MEASURED if slot in layout}
+    entries = np.concatenate([*slots.values()])
     step, point = _law(actor, interface, observation, entries, state)
     m, slope = len(entries), _derivative(step, point)
     if _differ(_derivative(lambda points: step(points, later=1), point), slope):
@@ -302,7 +302,7 @@ def _loop(
             1.0 - np.exp(-2 * np.pi * (encoder.low_pass or np.inf) * scenario.control_dt),
         ),
         matrices=(*_minimal(slope[2:, m:], slope[2:, :m], slope[:2, m:]), slope[:2, :m]),
-        readings=tuple(layout.names[i] for i in entries),
+        readings={slot: len(places) for slot, places in slots.items()},
         action_scale=np.array(interface.torque_limit) if interface.action == "normalized" else np.ones(2),
     )
     _check_motion(loop, step, point, slope)

@@ -18,9 +18,10 @@ import controllers
 from benchmarks.analysis.statistics import proportion, tail_mean
 from benchmarks.analysis.transfer import Runs
 from benchmarks.policies.spec import resolve
+from benchmarks.run.cell import Cell
 from benchmarks.run.rollout import reference_motion
 from benchmarks.run.store import Result
-from benchmarks.run.suite import Cell, Suite
+from benchmarks.run.suite import Suite
 from benchmarks.seeds import SPLITS
 from fbl_gym.model.arm import ArmParameters, Array, gravity_torque, inverse_dynamics
 from fbl_gym.options import Friction, PiecewiseConstantDisturbance, SensorError

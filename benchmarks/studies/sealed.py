@@ -18,9 +18,10 @@ from scipy import stats
 from benchmarks.analysis.board import Board, assemble
 from benchmarks.analysis.transfer import Runs
 from benchmarks.policies.spec import PolicySpec
+from benchmarks.run.cell import Cell
 from benchmarks.run.runner import run as run_cells
 from benchmarks.run.store import Store
-from benchmarks.run.suite import Cell, load
+from benchmarks.run.suite import load
 from benchmarks.seeds import SPLITS
 from fbl_gym import Scenario
 from fbl_gym.model.arm import ArmParameters

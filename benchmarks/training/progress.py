@@ -90,14 +90,12 @@ class Progress(BaseCallback):
     def _pause(self, fraction: float) -> None:
         """Validate the agent, save the best one, and write the curve and a checkpoint."""
         begin, wall = time.process_time(), time.monotonic() - self._wall_begin
-        adapter, actor = self.settings.adapter, export(self.model)
+        adapter, tasks, actor = self.settings.adapter, self.settings.scenarios, export(self.model)
         for law in () if self.curve else adapter.uses:
-            error = validate(adapter, law, self.settings.scenarios)
-            print(f"{law} alone: validation {error:.3f} mrad", file=sys.stderr)
-        error = validate(adapter, actor, self.settings.scenarios)
-        best = min((row.validation_mrad for row in self.curve), default=np.inf)
-        cpu = begin - self._cpu_begin
-        self.curve.append(Validation(self.num_timesteps, round(wall, 2), round(cpu, 2), round(error, 4)))
+            print(f"{law} alone: validation {validate(adapter, law, tasks):.3f} mrad", file=sys.stderr)
+        error, best = validate(adapter, actor, tasks), min((row.validation_mrad for row in self.curve), default=np.inf)
+        seconds = round(wall, 2), round(begin - self._cpu_begin, 2)
+        self.curve.append(Validation(self.num_timesteps, *seconds, round(error, 4)))
         if error < best:
             write(self.folder, actor, self._description())
         lines = [",".join(map(str, row)) for row in (Validation._fields, *self.curve)]

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
+from functools import partial
 from typing import Any
 
 import numpy as np
 
 import controllers
 from benchmarks.agents.adapter import AdapterSettings
-from benchmarks.agents.agent import make_agent
+from benchmarks.agents.agent import Agent
 from benchmarks.agents.network import Actor
 from benchmarks.seeds import SPLITS
 from controllers import Policy
@@ -34,8 +35,10 @@ def validate(settings: AdapterSettings, actor: Actor | str, scenarios: Sequence[
     """
     lanes, power = len(VALIDATION), 2 if len(scenarios) == 1 else 1
     envs = [TwoLinkArmVectorEnv(lanes, each, preview=settings.previewed(each.control_dt)) for each in scenarios]
-    made = (controllers.make(actor, e) if isinstance(actor, str) else make_agent(e, settings, actor) for e in envs)
-    errors = np.array([tracking_error(each, env, VALIDATION, power) for each, env in zip(made, envs, strict=True)])
+    make = (
+        partial(controllers.make, actor) if isinstance(actor, str) else partial(Agent, settings=settings, actor=actor)
+    )
+    errors = np.array([tracking_error(make(env.interface), env, VALIDATION, power) for env in envs])
     return float(errors.mean() if len(scenarios) == 1 else np.exp(np.log(errors).mean()))
 
 

@@ -42,38 +42,30 @@ class VectorAdapter(VectorWrapper):
 
     def step(self, actions: Array) -> tuple[Array, Array, Array, Array, dict[str, Any]]:
         """Take one step with the agent's actions [n x 2], as Gymnasium's `VectorEnv.step`."""
+        adapter, layout = self._adapter, self._interface.layout
         total, final = np.zeros(self.num_envs), np.full(self.num_envs, None, dtype=object)
         ends = np.zeros((2, self.num_envs), dtype=bool)  # terminated, truncated
-        age = np.zeros_like(self._state.age)  # the agent decides in every lane
-        for _ in range(self._adapter.hold):
-            self._state = self._state._replace(age=age)
-            observed, rewards, terminated, truncated, infos = self._step(actions)
-            fresh = ~(ends[0] | ends[1])
-            total += np.where(fresh, rewards, 0.0)
-            ends |= fresh & np.array([terminated, truncated], dtype=bool)
-            for lane in np.flatnonzero(fresh & np.logical_or(terminated, truncated)):
-                final[lane] = infos["final_obs"][lane]
-            age = np.maximum(self._state.age, 1)
+        state = self._state._replace(age=np.zeros_like(self._state.age))  # the agent decides in every lane
+        for _ in range(adapter.hold):
+            torque, state = adapter.torque(actions, self._observation, state)
+            motion = (self._observation[:, layout[name]] for name in ("position", "velocity"))
+            given = self._interface.action_from_torque(torque, *motion)
+            self._observation, rewards, terminated, truncated, infos = self.env.step(given)
+            running, done = ~ends.any(axis=0), np.logical_or(terminated, truncated)
+            total[running] += rewards[running]
+            if done.any():
+                last = self._observation.copy()
+                last[done] = np.stack(infos["final_obs"][done])
+                observed = adapter.observe(last, state)
+                for lane in np.flatnonzero(running & done):
+                    final[lane] = observed[lane]
+                ends |= running & np.array([terminated, truncated], dtype=bool)
+                state = where_lanes(done, adapter.initial(self._observation), state)
+            state = state._replace(age=np.maximum(state.age, 1))
         if ends.any():
             infos |= {"final_obs": final, "_final_obs": ends.any(axis=0)}
-        return observed, total / self._adapter.hold, ends[0], ends[1], infos
-
-    def _step(self, actions: Array) -> tuple[Array, Array, Array, Array, dict[str, Any]]:
-        """Take one step of the environment."""
-        torque, state = self._adapter.torque(actions, self._observation, self._state)
-        q, v = (self._observation[:, self._interface.layout[name]] for name in ("position", "velocity"))
-        self._observation, rewards, terminated, truncated, infos = self.env.step(
-            self._interface.action_from_torque(torque, q, v)
-        )
-        if "final_obs" in infos:
-            done, final, last = infos["_final_obs"], infos["final_obs"], self._observation.copy()
-            last[done] = np.stack(final[done])
-            observed = self._adapter.observe(last, state)
-            for lane in np.flatnonzero(done):
-                final[lane] = observed[lane]
-            state = where_lanes(done, self._adapter.initial(self._observation), state)
         self._state = state
-        return self._adapter.observe(self._observation, state), rewards, terminated, truncated, infos
+        return adapter.observe(self._observation, state), total / adapter.hold, *ends, infos
 
 
 class ArmVecEnv(VecEnv):
@@ -89,9 +81,8 @@ class ArmVecEnv(VecEnv):
             if mode != AutoresetMode.SAME_STEP:
                 raise ValueError(f'env must be made with autoreset_mode="SameStep", got {mode.value!r}')
         self.envs = envs
-        ends = np.cumsum([env.num_envs for env in envs])
-        self._cuts = ends[:-1]
-        super().__init__(int(ends[-1]), envs[0].single_observation_space, envs[0].single_action_space)
+        *self._cuts, lanes = np.cumsum([env.num_envs for env in envs]).tolist()
+        super().__init__(lanes, envs[0].single_observation_space, envs[0].single_action_space)
         self.metadata = dict(envs[0].metadata)
 
     def reset(self) -> Array:

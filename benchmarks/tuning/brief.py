@@ -17,7 +17,7 @@ from benchmarks.policies.spec import resolve
 from benchmarks.run.store import provenance
 from benchmarks.seeds import SPLITS
 from benchmarks.studies.recommend import Likeness, around
-from benchmarks.tuning.search import STORAGE, Task, finished, open_study, tune, write_gains
+from benchmarks.tuning.search import STORAGE, Task, finished, open_study, rounded, tune, write_gains
 from fbl_gym.options import FourierReference
 from fbl_gym.scenarios import Scenario, held_out_reason
 from fbl_gym.scenarios.classes import CLASSES
@@ -98,9 +98,8 @@ def write_best(task: Task, storage: str, folder: Path, command: str) -> str:
         return law
     if shipped := next((name for name, gains in task.shipped(*CLASSES).items() if gains == best.params), None):
         return shipped
-    gains = {name: float(f"{value:.4g}") for name, value in best.params.items()}
     effort = task.effort(len(trials), sum(trial.user_attrs.get("cpu_s", 0.0) for trial in trials))
-    data = {"policy": law, "gains": gains, "objective": best.value, "trials": effort, "arms": task.arms}
+    data = {"policy": law, "gains": rounded(best), "objective": best.value, "trials": effort, "arms": task.arms}
     return f"{law}@{write_gains(data | provenance(command), folder).parent}"
 
 

@@ -14,7 +14,6 @@ best are written to a file.
 from __future__ import annotations
 
 import dataclasses
-import hashlib
 import json
 import logging
 import sys
@@ -28,11 +27,12 @@ import numpy as np
 
 from benchmarks.analysis.statistics import DIVERGENCE_PENALTY
 from benchmarks.files import write_text
+from benchmarks.policies.key import data_digest
 from benchmarks.policies.spec import PolicySpec, resolve
+from benchmarks.run.cell import Cell
 from benchmarks.run.metrics import counted_errors, measure
 from benchmarks.run.rollout import rollout
 from benchmarks.run.store import provenance
-from benchmarks.run.suite import Cell
 from benchmarks.seeds import SPLITS
 from controllers import registry
 from controllers.name import PolicyName, expect_law, gains_file
@@ -45,6 +45,9 @@ if TYPE_CHECKING:  # of the extra `analysis`: imported where a study is used
 
 CHATTER = 0.1
 """Weight of the torque's chatter in the objective."""
+
+COUNTED = ("variation", "torque_rms", "diverged")
+"""The metrics of the objective, beside the error."""
 
 STORAGE = "sqlite:///results/tuning.db?timeout=60"
 
@@ -84,18 +87,15 @@ class Task:
     def defaults(self) -> dict[str, Any]:
         """Default value of each gain, for a file that stays the same when the defaults change."""
         law: Any = self.policy.factory()
-        values = {field.name: field.default for field in dataclasses.fields(law)}
-        return {name: values[name] for name in self.ranges}
+        return {field.name: field.default for field in dataclasses.fields(law) if field.name in self.ranges}
 
     def shipped(self, *robots: str) -> dict[str, dict[str, Any]]:
         """Return the gains for classes of robots that are within the search, by policy."""
-        pairs = ((f"{self.policy.name}@{robot}", registry.tuned(robot)) for robot in robots)
-        gains = {name: registry.tuned_gains(name) for name, known in pairs if name in known}
-        return {
-            name: values
-            for name, values in gains.items()
-            if {*values} == {*self.ranges} and all(map(np.isscalar, values.values()))
-        }
+        names = (
+            f"{self.policy.name}@{robot}" for robot in robots if f"{self.policy.name}@{robot}" in registry.tuned(robot)
+        )
+        gains = {name: registry.tuned_gains(name) for name in names}
+        return {name: x for name, x in gains.items() if {*x} == {*self.ranges} and all(map(np.isscalar, x.values()))}
 
     @property
     def arms(self) -> list[dict[str, Any]]:
@@ -115,17 +115,14 @@ class Task:
     @property
     def digest(self) -> str:
         """Hash of the policy, the scenarios and the seeds, 12 hexadecimal digits."""
-        keys = [Cell(self.policy, scenario, tuple(self.seeds)).key for scenario in self.scenarios]
-        return hashlib.sha256("".join(keys).encode()).hexdigest()[:12]
+        return data_digest([Cell(self.policy, scenario, tuple(self.seeds)).key for scenario in self.scenarios])[:12]
 
     def cost(self, gains: Mapping[str, float]) -> tuple[float, float]:
         """Return the objective of gains (lower is better) and the share of diverged runs [%]."""
         costs, diverged = [], []
         for scenario in self.scenarios:
             runs = measure(rollout(self.policy, scenario, self.seeds, gains))
-            variation, torque, lost = (
-                np.array([run[name] for run in runs]) for name in ("variation", "torque_rms", "diverged")
-            )
+            variation, torque, lost = np.array([[run[name] for run in runs] for name in COUNTED])
             chatter = variation / np.maximum(torque, 1e-9)
             costs.append(np.mean(np.log(counted_errors(runs)) + CHATTER * np.log1p(chatter)))
             diverged.append(100 * lost.mean())
@@ -213,16 +210,19 @@ def finished(study: optuna.Study) -> list[optuna.trial.FrozenTrial]:
     return study.get_trials(states=(optuna.trial.TrialState.COMPLETE,))
 
 
+def rounded(trial: optuna.trial.FrozenTrial) -> dict[str, float]:
+    """Return the gains of a trial as they are judged and shipped, with four digits."""
+    return {name: float(f"{value:.4g}") for name, value in trial.params.items()}
+
+
 def judge(task: Task, study: optuna.Study, candidates: int) -> list[dict[str, Any]]:
     """Judge the best trials and the defaults (trial 0) on a task that no trial used, best first.
 
     Each verdict is written into the study and read from there the next time.
     """
     trials = sorted((t for t in finished(study) if t.params), key=lambda trial: trial.value or 0.0)[:candidates]
-    # Gains are judged as they are shipped, with four digits.
-    gains = {t.number: {name: float(f"{value:.4g}") for name, value in t.params.items()} for t in trials}
     verdicts = []
-    for trial, values in {0: dict[str, float](), **gains}.items():
+    for trial, values in {0: dict[str, float](), **{t.number: rounded(t) for t in trials}}.items():
         verdict = study.user_attrs.get(f"judged {trial}")
         if verdict is None or verdict["on"] != task.digest:
             begin = time.process_time()

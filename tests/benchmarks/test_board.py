@@ -22,12 +22,14 @@ from benchmarks.analysis.board import UNSCORED, assemble, family_of, tier_of
 from benchmarks.policies.spec import resolve
 from benchmarks.report import markdown, terminal
 from benchmarks.report.columns import NONE, columns
-from benchmarks.run.cell import run_cell
+from benchmarks.run.cell import Cell
 from benchmarks.run.contract import check
+from benchmarks.run.expansion import members
 from benchmarks.run.metrics import METRICS, measure
 from benchmarks.run.rollout import rollout
+from benchmarks.run.runner import run_cell
 from benchmarks.run.store import Store
-from benchmarks.run.suite import SHORT_SEEDS, SUITES, Cell, Suite, load, members
+from benchmarks.run.suite import SHORT_SEEDS, SUITES, Suite, load
 from benchmarks.seeds import SPLITS
 from fbl_gym import TwoLinkArmEnv, scenarios
 

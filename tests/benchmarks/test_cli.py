@@ -14,7 +14,7 @@ from benchmarks.analysis.board import assemble
 from benchmarks.cli import list as names
 from benchmarks.report import markdown, terminal
 from benchmarks.report.columns import ALL, columns_of, number
-from benchmarks.run.cell import run_cell
+from benchmarks.run.runner import run_cell
 from benchmarks.run.suite import load
 
 

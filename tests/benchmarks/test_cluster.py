@@ -6,9 +6,9 @@ import time
 
 import pytest
 
+from benchmarks.run.cell import Cell
 from benchmarks.run.runner import run
 from benchmarks.run.store import Store
-from benchmarks.run.suite import Cell
 from fbl_gym import scenarios
 
 pytestmark = pytest.mark.slow

@@ -11,8 +11,9 @@ from benchmarks.analysis.board import assemble
 from benchmarks.analysis.curves import read_groups
 from benchmarks.analysis.statistics import Estimate
 from benchmarks.analysis.transfer import Runs, compare_halves, compare_orders
-from benchmarks.run.cell import run_cell
-from benchmarks.run.suite import Cell, Suite
+from benchmarks.run.cell import Cell
+from benchmarks.run.runner import run_cell
+from benchmarks.run.suite import Suite
 from benchmarks.studies import ends, sealed
 from fbl_gym import scenarios
 from fbl_gym.scenarios.classes import CLASSES, families

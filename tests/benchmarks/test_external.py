@@ -16,10 +16,9 @@ from benchmarks import cli
 from benchmarks.policies.isolation import CallLimits, Failed, run_isolated
 from benchmarks.policies.loading import NotFound, load
 from benchmarks.policies.spec import resolve
-from benchmarks.run.cell import run_cell
-from benchmarks.run.runner import run
+from benchmarks.run.cell import Cell
+from benchmarks.run.runner import run, run_cell
 from benchmarks.run.store import Store
-from benchmarks.run.suite import Cell
 from controllers.name import PolicyName
 
 PATCHES = """

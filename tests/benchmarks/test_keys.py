@@ -11,8 +11,8 @@ import pytest
 from benchmarks.agents.policy import SHIPPED
 from benchmarks.policies import key as keys
 from benchmarks.policies.spec import PolicySpec, _resolved, resolve
-from benchmarks.run.cell import run_cell
-from benchmarks.run.suite import Cell
+from benchmarks.run.cell import Cell
+from benchmarks.run.runner import run_cell
 from controllers.name import PolicyName
 from fbl_gym.neighbours import ROOT
 

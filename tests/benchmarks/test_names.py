@@ -8,8 +8,8 @@ import pytest
 
 import controllers
 from benchmarks.policies.spec import resolve
+from benchmarks.run.cell import Cell
 from benchmarks.run.rollout import rollout
-from benchmarks.run.suite import Cell
 from controllers.base import TorqueLaw
 from controllers.composition import compose
 from controllers.name import PolicyName

@@ -14,8 +14,8 @@ from benchmarks.analysis.board import assemble
 from benchmarks.report.columns import columns
 from benchmarks.report.figures import pareto
 from benchmarks.report.page import write_page
-from benchmarks.run.cell import run_cell
-from benchmarks.run.suite import Cell
+from benchmarks.run.cell import Cell
+from benchmarks.run.runner import run_cell
 from fbl_gym import scenarios
 
 POLICIES = ("zero", "pd-gravity", "pid-flm", "cascade-flm", "adaptive-flm", "oracle-flm")

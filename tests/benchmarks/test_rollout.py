@@ -8,8 +8,9 @@ import pytest
 
 import controllers
 from benchmarks.report.latex import escape, write_table
+from benchmarks.run.expansion import with_option
 from benchmarks.run.rollout import rollout, rollout_trials
-from benchmarks.run.suite import load, with_option
+from benchmarks.run.suite import load
 from benchmarks.run.traces import table
 from fbl_gym import TwoLinkArmVectorEnv, scenarios
 

@@ -15,11 +15,11 @@ from benchmarks.policies.isolation import Failed, run_parallel
 from benchmarks.policies.key import data_digest
 from benchmarks.run import cell as cell_module
 from benchmarks.run import store as store_module
-from benchmarks.run.cell import run_cell
+from benchmarks.run.cell import Cell
 from benchmarks.run.metrics import METRICS
-from benchmarks.run.runner import run
+from benchmarks.run.runner import run, run_cell
 from benchmarks.run.store import Damaged, OtherFormat, Store
-from benchmarks.run.suite import Cell, load
+from benchmarks.run.suite import load
 from fbl_gym.records.record import merged
 
 SHORT = {"duration": 0.5}

@@ -13,7 +13,7 @@ import pytest
 from optuna.distributions import FloatDistribution
 
 from benchmarks.policies.spec import resolve
-from benchmarks.run.cell import run_cell
+from benchmarks.run.runner import run_cell
 from benchmarks.seeds import SPLITS
 from benchmarks.studies import recommend
 from benchmarks.studies.recommend import Likeness, around, is_safe, push

@@ -12,7 +12,7 @@ import pytest
 
 import controllers
 from benchmarks.policies.spec import resolve
-from benchmarks.run.suite import Cell
+from benchmarks.run.cell import Cell
 from controllers import registry
 from controllers.laws.simple import PdGravity
 from fbl_gym import Interface, TwoLinkArmEnv

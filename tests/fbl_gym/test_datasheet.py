@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from benchmarks.cli.show import options
-from benchmarks.run.suite import with_option
+from benchmarks.run.expansion import with_option
 from controllers import make
 from fbl_gym import Scenario, TwoLinkArmEnv, TwoLinkArmVectorEnv, scenarios
 from tests.controllers.closed_loop import tracking

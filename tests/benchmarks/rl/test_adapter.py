@@ -11,8 +11,8 @@ from benchmarks.agents.agent import Agent, write
 from benchmarks.analysis.board import assemble
 from benchmarks.policies.spec import resolve
 from benchmarks.report.columns import columns
-from benchmarks.run.cell import run_cell
-from benchmarks.run.suite import Cell
+from benchmarks.run.cell import Cell
+from benchmarks.run.runner import run_cell
 from benchmarks.training.vec_env import ArmVecEnv, VectorAdapter
 from fbl_gym import TwoLinkArmEnv, TwoLinkArmVectorEnv, scenarios
 from fbl_gym.model.arm import forward_dynamics

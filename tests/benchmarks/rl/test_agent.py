@@ -10,9 +10,9 @@ import pytest
 
 from benchmarks.agents import policy
 from benchmarks.agents.adapter import AdapterSettings
-from benchmarks.agents.agent import describe, files, read, saved_agent, write
+from benchmarks.agents.agent import Agent, describe, files, read, write
 from benchmarks.agents.network import Actor
-from benchmarks.agents.policy import SHIPPED, best_seed, shipped, shipped_agent
+from benchmarks.agents.policy import SHIPPED, best_seed, shipped
 from benchmarks.training.validation import validate
 from fbl_gym import Scenario, TwoLinkArmEnv, scenarios
 from tests.benchmarks.rl.agents import random_actor
@@ -40,7 +40,7 @@ def test_weights_that_need_code_to_load_are_refused(tmp_path):
     write_agent(tmp_path, interface)
     np.savez(files(tmp_path)[1], weight_0=np.array([print], dtype=object))
     with pytest.raises(ValueError, match="allow_pickle=False"):
-        saved_agent(interface, str(tmp_path))
+        Agent(interface, *read(tmp_path))
 
 
 DAMAGED = {
@@ -59,7 +59,7 @@ def test_a_damaged_file_of_an_agent_is_an_error(name, content, tmp_path):
     write_agent(tmp_path, TwoLinkArmEnv().interface)
     (tmp_path / name).write_bytes(content)
     with pytest.raises(ValueError, match=f"{name} must be as `fbl-gym train` wrote it"):
-        saved_agent(TwoLinkArmEnv().interface, str(tmp_path))
+        read(tmp_path)
 
 
 FUNCTIONS = {"tanh": np.tanh, "relu": lambda x: np.maximum(x, 0.0), "clip": lambda x: np.clip(x, -1.0, 1.0)}
@@ -110,7 +110,6 @@ def test_a_lane_has_the_same_bits_alone_and_in_a_batch():
         (lambda: network()(np.zeros((1, 12))), "observation must have 13 entries for this network, got 12"),
         (lambda: Actor((), "tan", "clip"), "unknown activation 'tan'; did you mean 'tanh'"),
         (lambda: Actor((), "tanh", "clipped"), "unknown output 'clipped'; did you mean 'clip'"),
-        (lambda: shipped_agent("ppo-torq", None), "unknown agent 'ppo-torq'; did you mean 'ppo-torque'"),
         (lambda: policy.ppo_torque(TwoLinkArmEnv().interface, seed=9), "unknown training seed 9"),
     ],
 )

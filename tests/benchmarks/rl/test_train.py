@@ -12,7 +12,7 @@ import torch
 from filelock import FileLock
 
 from benchmarks.agents.adapter import AdapterSettings
-from benchmarks.agents.agent import describe, read, saved_agent
+from benchmarks.agents.agent import Agent, describe, read
 from benchmarks.agents.sb3 import ALGORITHMS
 from benchmarks.run.metrics import measure
 from benchmarks.run.rollout import rollout
@@ -49,7 +49,7 @@ def test_a_run_writes_the_agent_that_it_validated(algorithm, tmp_path):
     assert points[-1][0] == settings(algorithm).steps
     assert description["validation_mrad"] == min(error for _, error in points)
     env = TwoLinkArmVectorEnv(len(VALIDATION), SCENARIO)
-    error = tracking_error(saved_agent(env.interface, str(tmp_path)), env, VALIDATION).mean()
+    error = tracking_error(Agent(env.interface, *read(tmp_path)), env, VALIDATION).mean()
     assert error == pytest.approx(description["validation_mrad"], abs=2e-4)
 
 
