@@ -1,7 +1,7 @@
 # Each command installs what it needs into .venv. It needs Python >= 3.11, pip and make.
 #   make plot           draw a controller on a hard arm into trace.png
 #   make leaderboard    run the short form of the leaderboard, of all three classes of robots, and print it
-#   make test           check everything but what is slow by nature
+#   make test           check everything but what is slow by nature; slow pages where pages or public names changed
 #   make test-long      run the tests that are slow by nature, before a board or a release
 #   make docs           build the documentation into build/docs
 

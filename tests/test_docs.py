@@ -213,7 +213,7 @@ def run(program, first, *words):
     name, words = (words[0], words[1:]) if module else (first, words)
     words = [match for word in words for match in sorted(glob(word)) or [word]]
     # Two scenarios of a board, and two policies of a table.
-    words = re.sub(r"(--scenarios \S+ \S+)( (?!--)\S+)*", r"\1", " ".join(words)).split()
+    words = re.sub(r"(--scenarios(?: (?!--)\S+){1,2})(?: (?!--)\S+)*", r"\1", " ".join(words)).split()
     words = words[:3] if name == "benchmarks.studies.ends" else words
     own_suite = "--suite" in words and any(word.endswith(".toml") for word in words)
     for option in re.findall(r"--.*?(?= --|$)", SHORT.get(name, "")):
