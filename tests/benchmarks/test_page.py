@@ -107,12 +107,12 @@ def press(page, selector):
 
 
 def test_the_board_sorts(page, board):
-    rank, score = column(board, "rank"), column(board, "score")
+    rank, error = column(board, "rank"), column(board, "error")
     assert names(page) == sorted(POLICIES, key=lambda p: (rank[p] is None, rank[p]))
-    press(page, "[data-sort=score]")
-    assert names(page) == sorted(POLICIES, key=lambda p: -score[p])
-    press(page, "[data-sort=score]")
-    assert names(page) == sorted(POLICIES, key=score.get)
+    press(page, "[data-sort=error]")
+    assert names(page) == sorted(POLICIES, key=error.get)
+    press(page, "[data-sort=error]")
+    assert names(page) == sorted(POLICIES, key=error.get, reverse=True)
     sorts = page.execute_script("return [...document.querySelectorAll('#table [aria-sort]')].map(e => e.ariaSort)")
     assert sorted(set(sorts)) == ["ascending", "none"]
     assert sorts.count("ascending") == 1
