@@ -219,6 +219,8 @@ def plot_errors(boards: Mapping[str, Board], path: Path, rows: int = 8) -> None:
 
     A name is without "@tuned". The boards stand below each other, as wide as a phone.
     """
+    from matplotlib.ticker import LogLocator, NullFormatter  # a figure alone needs it
+
     with _figure("Errors", path, (WIDTHS[1], len(boards) * (0.55 + 0.16 * rows))) as figure:
         panels = figure.subplots(len(boards), 1, squeeze=False)[:, 0]
         for axes, (name, board) in zip(panels, boards.items(), strict=True):
@@ -227,5 +229,8 @@ def plot_errors(boards: Mapping[str, Board], path: Path, rows: int = 8) -> None:
             axes.errorbar(value, range(len(first)), xerr=(value - low, high - value), fmt="o", color=COLORS[0])
             axes.margins(x=0.04)
             axes.set(title=name, xlabel="error [%]", xscale="log", ylim=(rows - 0.5, -0.5))
+            axes.xaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 3.0, 5.0)))
+            axes.xaxis.set_major_formatter("{x:g}")
+            axes.xaxis.set_minor_formatter(NullFormatter())
             labels = [board.policies[i].removesuffix("@tuned") for i in first]
             axes.set_yticks(range(len(first)), labels=labels, fontsize=7)
