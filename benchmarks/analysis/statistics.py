@@ -55,8 +55,6 @@ def resample(n: int, seed: int | Sequence[int], resamples: int = RESAMPLES) -> A
 def mean(runs: ArrayLike, counts: Array) -> Array:
     """Return the mean of the runs [... x s x n] for each row of the counts [b x n], [b x ...]."""
     x = np.asarray(runs, dtype=float)
-    if x.ndim < 2 or counts.shape[1:] != x.shape[-1:]:
-        raise ValueError(f"counts must be [b x n] for runs [... x s x n], got {counts.shape} for {x.shape}")
     if np.isnan(x).any():
         raise ValueError(f"every run must have a number, the worst where it diverged; got {np.isnan(x).sum()} NaN")
     return np.moveaxis(x.mean(axis=-2) @ counts.T, -1, 0) / counts.shape[1]

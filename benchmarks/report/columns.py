@@ -39,8 +39,8 @@ class Column:
         best: 1 if larger is better, -1 if smaller is better, 0 if neither.
         form: function that prints a number.
         tables: that have the column: `ALL`, `ALL_BUT_LATEX` or `NONE`.
-        ends: the interval in a table: "" none, "interval" both ends, "range" both ends in place of
-            the value.
+        ends: the interval in a table: "" none, "interval" both ends, "upper" the upper end, "range"
+            both ends in place of the value.
     """
 
     key: str
@@ -75,7 +75,7 @@ class Column:
         low, _, high = self.interval(i).partition("–")
         if self.ends == "range":
             return "" if not low else low if low == high else f"{low}–{high}"
-        ends = f" ({low}–{high})" if self.ends and not brief else ""
+        ends = f" (≤{high})" if self.ends == "upper" else f" ({low}–{high})" if self.ends and not brief else ""
         note = f", {self.notes[i]}" if self.notes and self.notes[i] else ""
         return self.text(i) + (ends if low else "") + note
 
@@ -199,8 +199,8 @@ def columns(board: Board) -> list[Column]:
             "error", "error %", f"Geometric mean, over all runs {here}, of the mean absolute tracking error in % of the "
             "reference's amplitude, half its range.", board.error(), best=-1, tables=ALL, ends="interval",
         ),
-        numbers("lost", "lost runs %", f"Share of the runs {here} that diverged, with its exact interval. They count in every "
-                "error.", board.lost, 100.0, best=-1, form=percent, tables=ALL, ends="interval"),
+        numbers("lost", "lost runs %", f"Share of the runs {here} that diverged, with the upper end of its exact interval. "
+                "They count in every error.", board.lost, 100.0, best=-1, form=percent, tables=ALL, ends="upper"),
         of_oracle("", board.main),
         numbers("worst", "worst 5 %", f"Mean error % of the worst 5 % of the runs {here}.", board.worst, best=-1, tables=ALL),
         Column("violation", "violation %", f"Share of samples beyond the constraints, mean of the runs {here}.",

@@ -179,8 +179,9 @@ def test_a_phone_shows_it_without_scrolling_the_page_sideways(page, path, scheme
 
 
 def test_a_page_of_the_board_alone(page, board, results, tmp_path):
-    alone = replace(board, rows={policy: board.rows[policy] for policy in ("zero", "pid-flm")},
-                    runs={name: runs[[0, 2]] for name, runs in board.runs.items()})  # fmt: skip
+    rows = {policy: board.rows[policy] for policy in ("zero", "pid-flm")}
+    runs = {name: runs[[0, 2]] for name, runs in board.runs.items()}
+    alone = replace(board, rows=rows, runs=runs, decision_us=board.decision_us[[0, 2]])
     write_page(tmp_path / "index.html", alone, results, "pytest")
     page.get((tmp_path / "index.html").as_uri())
     assert names(page) == [alone.policies[i] for i in alone.order]
