@@ -20,9 +20,6 @@ from benchmarks.run.store import Store
 from benchmarks.run.suite import load
 from fbl_gym.model.arm import Array
 
-QUANTITIES = ("score", "error", "diverged", "rank", "error_rank", "diverged_rank")
-"""Attributes of a board that have intervals."""
-
 
 def coverage(board: Board, seeds: int) -> dict[str, Array]:
     """Return the share of small boards whose interval holds the number of the other seeds.
@@ -32,29 +29,23 @@ def coverage(board: Board, seeds: int) -> dict[str, Array]:
         seeds: of each small board.
 
     Returns:
-        for each of `QUANTITIES` that the board has, an entry for each ranked policy.
+        for error, lost runs and rank, an entry for each ranked policy.
     """
     count = len(board.seeds) // seeds
     held: dict[str, list[Array]] = {}
     for k in range(count):
         some = np.arange(len(board.seeds)) // seeds == k
         small, others = _of(board, some), _of(board, ~some)
-        for name in QUANTITIES:
-            interval, truth = getattr(small, name), getattr(others, name)
-            if interval is not None and truth is not None:
-                of_ranked = slice(None) if name.endswith("rank") else board.ranked
-                held.setdefault(name, []).append(_holds(interval, truth)[of_ranked])
+        for name, numbers in (("error", Board.error), ("lost", lambda x: x.lost), ("rank", lambda x: x.rank)):
+            of_ranked = slice(None) if name == "rank" else board.ranked
+            held.setdefault(name, []).append(_holds(numbers(small), numbers(others))[of_ranked])
     return {name: np.mean(rows, axis=0) for name, rows in held.items()}
 
 
 def _of(board: Board, some: Array) -> Board:
     """Return the board of some of the seeds [n], which a mask chooses."""
     runs = {name: values[..., some] for name, values in board.runs.items()}
-    partial = {
-        k: {law: {name: x[some] for name, x in metrics.items()} for law, metrics in laws.items()}
-        for k, laws in board.partial.items()
-    }
-    return dataclasses.replace(board, seeds=tuple(np.array(board.seeds)[some].tolist()), runs=runs, partial=partial)
+    return dataclasses.replace(board, seeds=tuple(np.array(board.seeds)[some].tolist()), runs=runs)
 
 
 def _holds(interval: Estimate, truth: Estimate) -> Array:

@@ -1,17 +1,14 @@
 """Statistics of the leaderboard: pure functions on arrays.
 
-Runs lie in arrays [... x s x n] of s scenarios and n seeds; axes before these stay. A draw of a
-bootstrap is a row of weights, one for each seed. `weigh` makes all b - 1 draws at once, below a
+Runs lie in arrays [... x s x n] of s scenarios and n seeds; axes before these stay. A draw of the
+bootstrap is a row of counts, one for each seed. `resample` makes all b - 1 draws at once, below a
 first row for the data themselves. A statistic is computed for each row, and `interval` turns its
-draws [b x ...] into an estimate. Statistics with the same weights are compared in pairs.
+draws [b x ...] into an estimate. Statistics with the same counts are compared in pairs.
 
 Scenarios share seeds: seed 7 has the same motion everywhere, so a policy's errors in two scenarios
-are correlated. All scenarios therefore share the weights. Weighing the seeds of each scenario
+are correlated. All scenarios therefore share the counts. Drawing the seeds of each scenario
 separately (Agarwal et al., "Deep Reinforcement Learning at the Edge of the Statistical
 Precipice", NeurIPS 2021) would give intervals that are too narrow here.
-
-Smaller errors are better. A run that diverged counts with its worst error and is never left out:
-NaN is refused.
 """
 
 from collections.abc import Sequence
@@ -31,16 +28,6 @@ TAIL = (1 - LEVEL) / 2
 
 RESAMPLES = 2000
 
-BOUNDS = -100.0, 100.0
-"""Least and largest score. A row above its ceiling gains nothing by it; the board names it."""
-
-DIVERGENCE_PENALTY = 100 * np.log(2.0)
-"""Price of a share of diverged runs in the logarithm of the error: each percent costs as much as
-doubling the error."""
-
-PRIOR_LOST = 0.5
-"""Diverged runs that every policy has before any is seen (Jeffreys' prior of a share)."""
-
 
 @dataclass(frozen=True)
 class Estimate:
@@ -57,7 +44,7 @@ class Estimate:
 
 
 def resample(n: int, seed: int | Sequence[int], resamples: int = RESAMPLES) -> Array:
-    """Return the weight of each of n seeds in the data, and in each resample, [b x n].
+    """Return how often each of n seeds counts in the data, and in each resample, [b x n].
 
     The first row is of the data, all ones. Each row sums to n.
     """
@@ -65,55 +52,9 @@ def resample(n: int, seed: int | Sequence[int], resamples: int = RESAMPLES) -> A
     return np.vstack([np.ones(n), np.random.default_rng(seed).multinomial(n, np.full(n, 1 / n), size=resamples)])
 
 
-def weigh(n: int, seed: int | Sequence[int], resamples: int = RESAMPLES) -> Array:
-    """Return the weight of each of n seeds in the data, and in each draw of the posterior, [b x n].
-
-    This is the Bayesian bootstrap (Rubin, Annals of Statistics 9(1), 1981): n times a draw of the
-    uniform Dirichlet distribution. The first row is of the data, all ones. Each row sums to n.
-    """
-    n, resamples = check_whole("n", n, low=1), check_whole("resamples", resamples, low=1)
-    return np.vstack([np.ones(n), n * np.random.default_rng(seed).dirichlet(np.ones(n), size=resamples)])
-
-
-def diverged_shares(
-    flags: Sequence[ArrayLike], likely: ArrayLike, seed: int, resamples: int = RESAMPLES
-) -> tuple[Array, float]:
-    """Return the posterior of the share of runs that diverge, the mean of s scenarios, [b x ...].
-
-    None seen does not mean none. The prior is Jeffreys', half a diverged run. It lies in the
-    scenarios where runs are likely to diverge. With one scenario and independent runs, the
-    posterior is Beta(k + 1/2, n - k + 1/2) where few runs diverge. A seed's runs in several
-    scenarios weigh alike, so that they count as one cluster. The second result is the share that
-    the prior adds on average.
-
-    Args:
-        flags: of each scenario, 1 where a run diverged [... x n]. Scenarios may have more seeds
-            than others.
-        likely: how likely runs diverge in each scenario [s], up to a factor.
-        seed: of the draws.
-        resamples: number of draws below the first row, the posterior mean.
-    """
-    part = np.asarray(likely, dtype=float).ravel() / np.sum(likely)
-    random = np.random.default_rng((seed, 0))
-    weights, shares, added = {}, [], []
-    for scenario, shape in zip(flags, PRIOR_LOST * part, strict=True):
-        runs = np.asarray(scenario, dtype=float)
-        n = runs.shape[-1]
-        if n not in weights:
-            weights[n] = weigh(n, (seed, n), resamples)
-        lost = np.moveaxis(runs @ weights[n].T, -1, 0)
-        prior = random.gamma(shape, size=lost.shape)
-        prior[0] = shape
-        shares.append((lost + prior) / (n + prior))
-        added.append(shape / (n + shape))
-    return np.mean(shares, axis=0), float(np.mean(added))
-
-
 def mean(runs: ArrayLike, counts: Array) -> Array:
     """Return the mean of the runs [... x s x n] for each row of the counts [b x n], [b x ...]."""
     x = np.asarray(runs, dtype=float)
-    if x.ndim < 2 or counts.shape[1:] != x.shape[-1:]:
-        raise ValueError(f"counts must be [b x n] for runs [... x s x n], got {counts.shape} for {x.shape}")
     if np.isnan(x).any():
         raise ValueError(f"every run must have a number, the worst where it diverged; got {np.isnan(x).sum()} NaN")
     return np.moveaxis(x.mean(axis=-2) @ counts.T, -1, 0) / counts.shape[1]
@@ -150,23 +91,6 @@ def ranks(draws: Array) -> Estimate:
     rank = rankdata(draws[1:], axis=-1)
     low, median, high = np.quantile(rank, (TAIL, 0.5, 1 - TAIL), axis=0, method="inverted_cdf")
     return Estimate(median, low, high)
-
-
-def score(gains: ArrayLike, spans: ArrayLike, diverged: ArrayLike) -> Array:
-    """Return the score over s scenarios [...], without the lower bound of BOUNDS.
-
-    This is the mean over the scenarios of 100 gain / span, each within BOUNDS, less the price of
-    the diverged runs.
-
-    Args:
-        gains: ln(E_stay / E) [s x ...]. E is the geometric mean error of the runs, E_stay that of
-            the motionless baseline.
-        spans: ln(E_stay / E_ceiling) [s x ...] for the best law that knows the truth.
-        diverged: share of the runs that diverge [...].
-    """
-    spans = np.asarray(spans)
-    errors = np.clip(100 * np.asarray(gains) / spans, *BOUNDS).mean(axis=0)
-    return np.asarray(errors - 100 * DIVERGENCE_PENALTY * np.asarray(diverged) / spans.mean(axis=0))
 
 
 def tail_mean(x: ArrayLike, share: float = 0.05) -> Array:

@@ -7,8 +7,8 @@ from typing import Any
 import numpy as np
 from scipy import special
 
-from benchmarks.analysis.statistics import DIVERGENCE_PENALTY, PRIOR_LOST, TAIL
-from benchmarks.run.metrics import counted_errors
+from benchmarks.analysis.statistics import TAIL
+from benchmarks.run.metrics import counted_errors, penalize
 from benchmarks.run.store import Result
 from fbl_gym.model.arm import Array
 
@@ -36,9 +36,8 @@ class Runs:
 
     @property
     def levels(self) -> Array:
-        """Mean logarithm of the errors, and the divergence penalty, [policies x scenarios]."""
-        share = (self.diverged.sum(axis=-1) + PRIOR_LOST) / (self.diverged.shape[-1] + 2 * PRIOR_LOST)
-        return self.logs.mean(axis=-1) + DIVERGENCE_PENALTY * share
+        """Logarithm of the penalized error, by which a board ranks, [policies x scenarios]."""
+        return np.log(penalize(self.error, self.diverged)).mean(axis=-1)
 
     @property
     def intervals(self) -> tuple[Array, Array]:
@@ -92,5 +91,5 @@ def compare_orders(first: Runs, second: Runs) -> Agreement:
 
 
 def compare_halves(runs: Runs) -> Agreement:
-    """Return the agreement between the orders of two halves of the seeds, a ceiling for worlds."""
+    """Return the agreement between the orders of two halves of the seeds, the most for worlds."""
     return compare_orders(runs[..., 0::2], runs[..., 1::2])

@@ -10,7 +10,7 @@ from benchmarks.files import write_text
 from benchmarks.report import markdown, terminal
 from benchmarks.report.export import write_csv
 from benchmarks.report.page import write_page
-from benchmarks.report.plot import plot_scores
+from benchmarks.report.plot import plot_errors
 from benchmarks.run.store import Store
 from benchmarks.text import say
 from fbl_gym.reading import read_text
@@ -21,7 +21,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add(parser, "--trust", "--store")
     add_option(parser, "--out", Path, Path("results/report"), "DIR", "folder of the report")
     readme = "put the first rows of each board between the markers `<!-- leaderboard -->` of this file, all rows into "
-    readme += "docs/results/board.md beside it, and their scores into docs/pictures/scores.svg"
+    readme += "docs/results/board.md beside it, and their errors into docs/pictures/errors.svg"
     parser.add_argument("--readme", type=Path, metavar="FILE", help=readme)
 
 
@@ -48,6 +48,8 @@ def run(arguments: argparse.Namespace) -> int:
         write_text(arguments.readme, markdown.replace_between(text, markdown.over_boards(boards, short=True)))
         docs = arguments.readme.parent / "docs"
         write_text(docs / "results" / "board.md", markdown.board_page(boards))
-        plot_scores(boards, docs / "pictures" / "scores.svg")
-    errors = [error for board in boards.values() for error in (*board.incomplete.values(), *board.failed.values())]
+        plot_errors(boards, docs / "pictures" / "errors.svg")
+    errors = [
+        error for board in boards.values() for some in (board.incomplete, *board.failed.values()) for error in some.values()
+    ]  # fmt: skip
     return 1 if any(board.lacking for board in boards.values()) or any(map(counts, errors)) else 0

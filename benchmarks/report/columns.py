@@ -89,37 +89,35 @@ class Column:
 
 
 def over_all(boards: Mapping[str, Board], rows: Sequence[str] = ()) -> Table:
-    """Return a table of several boards: rank, score and error of each policy.
+    """Return a table of several boards: rank and error of each policy, and its lost runs if any.
 
-    The policies come in the order of their best rank, then of the mean of their scores.
+    The policies come in the order of their best rank, then of the mean of their ranks.
 
     Args:
         boards: by name.
         rows: names of policies; empty: all that are ranked.
     """
-    entries: dict[str, dict[str, tuple[float, float, str]]] = {}
+    places: dict[str, list[float]] = {}
+    texts: dict[str, dict[str, str]] = {}
     for name, board in boards.items():
+        error, lost = board.error().value, 100 * board.lost.value
         for i, value, low, high in zip(board.ranked, board.rank.value, board.rank.low, board.rank.high, strict=True):
-            score = math.nan if board.score is None else float(board.score.value[i])
             rank = f"{low:.0f}" if low == high else f"{low:.0f}–{high:.0f}"
-            text = f"{rank} · {score:.1f} · {number(board.error.value[i])} %".replace("nan", "–")
-            entries.setdefault(board.policies[i], {})[name] = value, score, text
-    best = {policy: min(rank for rank, _, _ in places.values()) for policy, places in entries.items()}
-    mean = {policy: sum(score for _, score, _ in places.values()) / len(boards) for policy, places in entries.items()}
-    body = []
-    for policy in sorted(rows or entries, key=lambda policy: (best[policy], -mean[policy])):
-        texts = [entries[policy][name][-1] if name in entries[policy] else "–" for name in boards]
-        body.append([policy, *texts, f"{mean[policy]:.1f}" if len(entries[policy]) == len(boards) else "–"])
-    return Table(["policy", *boards, "mean score"], body)
+            parts = [rank, f"{number(error[i])} %", *([f"{percent(lost[i])} % lost"] if lost[i] else [])]
+            texts.setdefault(board.policies[i], {})[name] = " · ".join(parts)
+            places.setdefault(board.policies[i], []).append(value)
+    order = sorted(rows or places, key=lambda policy: (min(places[policy]), np.mean(places[policy])))
+    body = [[policy, *(texts[policy].get(name, "–") for name in boards)] for policy in order]
+    return Table(["policy", *boards], body)
 
 
 def leaders(board: Board) -> Table:
     """Return a table of the policy that leads each family, with its error."""
     rows = []
-    for family, estimate in board.family_errors.items():
-        first, second, *_ = sorted(board.ranked, key=lambda i: estimate.value[i])[:2] * 2
-        errors = [f"{number(estimate.value[i])} %" for i in (first, second)]
-        mrad = f"{number(board.mrad(board.families[family])[first])} mrad"
+    for family, some in board.families.items():
+        error = board.error(some).value
+        first, second, *_ = sorted(board.ranked, key=lambda i: error[i])[:2] * 2
+        errors, mrad = [f"{number(error[i])} %" for i in (first, second)], f"{number(board.mrad(some)[first])} mrad"
         rows.append([family, board.policies[first], errors[0], mrad, board.policies[second], errors[1]])
     return Table(["family", "first", "error", "", "second", "error"], rows)
 
@@ -138,10 +136,17 @@ def percent(x: float) -> str:
     return f"{x:.2g}" if x < 99.5 else f"{x:.0f}"
 
 
+def times(x: float) -> str:
+    """Return a factor with two significant digits, or "> 1000"."""
+    return percent(x) if x <= 1000 else "> 1000"
+
+
 def _column(
-    board: Board, key: str, title: str, meaning: str, numbers: Estimate | Array, scale: float = 1.0, **more: Any
+    board: Board, key: str, title: str, meaning: str, numbers: Estimate | Array | None, scale: float = 1.0, **more: Any
 ) -> Column:
-    """Return a column of numbers times a scale, of all policies or of the ranked ones."""
+    """Return a column of numbers times a scale, of all policies, of the ranked ones, or of none."""
+    if numbers is None:
+        return Column(key, title, meaning, (), **more)
     ends = (numbers.value, numbers.low, numbers.high) if isinstance(numbers, Estimate) else (numbers,)
     rows = board.ranked if len(ends[0]) == len(board.ranked) else range(len(board.policies))
     for name, end in zip(("values", "low", "high"), ends, strict=False):
@@ -159,7 +164,7 @@ def _violations(board: Board) -> list[float | None]:
 def _notes(board: Board) -> list[str]:
     """Return the number of training seeds of each policy, and of the scenarios where it failed."""
     seeds = [f"{size} training seeds" if size > 1 else "" for size in board.sizes]
-    failures = [sum(j == i for j, _ in board.failed) for i in range(len(board.policies))]
+    failures = [len(board.failed.get(policy, ())) for policy in board.policies]
     failed = [f"motionless in {n} of {len(board.scenarios)}" if n else "" for n in failures]
     return [", ".join(filter(None, pair)) for pair in zip(seeds, failed, strict=True)]
 
@@ -173,44 +178,47 @@ def columns(board: Board) -> list[Column]:
     """Return the columns of a board, from left to right, without those of no value."""
     first, *others = board.tiers
     here = f"in the tier {first}" if others else "of this suite"
-    numbers, ranks = partial(_column, board), partial(_column, board, form="{:.0f}".format, tables=ALL, ends="range")
-    interval = " Median and interval over the bootstrap. A policy with privileged access has no rank."
+    numbers = partial(_column, board)
+
+    def of_oracle(tier: str, some: Sequence[int]) -> Column:
+        return numbers(
+            f"oracle-{tier}".strip("-"), f"{tier} × oracle".strip(), "Error, doubled for each percent of lost runs, as a "
+            "multiple of that of the best policy with privileged access.", board.times_oracle(some), best=-1, form=times,
+            tables=ALL_BUT_LATEX if tier else ALL,
+        )  # fmt: skip
+
     every = [
-        ranks("rank", "rank", f"Rank by the score, or by the error where there is no score.{interval}", board.rank),
+        numbers("rank", "rank", "Rank by the error, doubled for each percent of lost runs. Median and interval over the "
+                "bootstrap. A policy with privileged access has no rank.", board.rank, form="{:.0f}".format, tables=ALL,
+                ends="range"),
         Column(
             "policy", "policy", "Name of the policy. The row of an agent is the mean over its training seeds. Where a policy "
             "failed, it counts as the motionless baseline.", board.policies, notes=_notes(board), tables=ALL,
         ),
-        *(
-            numbers(
-                f"score-{tier}" if tier != first else "score", "score" if tier == first else f"{tier} score",
-                "0 is the motionless baseline, 100 the ceiling: the law with the least error that knows the truth. "
-                f"Logarithmic in the error; each percent of diverged runs counts as twice the error. Mean of the scenarios "
-                f"in the tier {tier}.",
-                score, best=1, form="{:.1f}".format, tables=ALL if tier == first else ALL_BUT_LATEX, ends="interval",
-            )
-            for tier, score in board.scores.items()
-        ),
         numbers(
             "error", "error %", f"Geometric mean, over all runs {here}, of the mean absolute tracking error in % of the "
-            "reference's amplitude, half its range.", board.error, best=-1, tables=ALL, ends="interval",
+            "reference's amplitude, half its range.", board.error(), best=-1, tables=ALL, ends="interval",
         ),
-        numbers(
-            "diverged", "diverged %", f"Share of runs that diverged {here}, with the upper end of its posterior's interval. "
-            "These runs count in every error.", board.diverged, 100.0, best=-1, form=percent, tables=ALL, ends="upper",
-        ),
+        numbers("lost", "lost runs %", f"Share of the runs {here} that diverged, with the upper end of its exact interval. "
+                "They count in every error.", board.lost, 100.0, best=-1, form=percent, tables=ALL, ends="upper"),
+        of_oracle("", board.main),
+        numbers("worst", "worst 5 %", f"Mean error % of the worst 5 % of the runs {here}.", board.worst, best=-1, tables=ALL),
         Column("violation", "violation %", f"Share of samples beyond the constraints, mean of the runs {here}.",
                _violations(board), best=-1, form=percent, tables=ALL),
-        Column("effort", "effort", "Torque variation relative to that of the ceiling, median of the scenarios.",
-               [] if board.effort is None else board.effort.tolist(), tables=ALL),
-        numbers("worst", "worst 5 %", f"Mean error % of the worst 5 % of the runs {here}.", board.worst, best=-1, tables=ALL),
-        ranks("error-rank", "error rank", f"Rank by the error.{interval}", board.error_rank),
-        ranks("diverged-rank", "diverged rank", f"Rank by the share of runs that diverge.{interval}", board.diverged_rank),
+        numbers("effort", "effort", "Torque variation as a multiple of that of the best policy with privileged access, median "
+                "of the scenarios.", board.effort, tables=ALL),
+        *(
+            column for tier in others for column in (
+                numbers(f"error-{tier}", f"{tier} error %", f"The error in the tier {tier}.", board.error(board.tiers[tier]),
+                        best=-1, ends="interval"),
+                of_oracle(tier, board.tiers[tier]),
+            )
+        ),
         numbers("mrad", "mrad", f"Geometric mean, over all runs {here}, of the mean absolute tracking error of both joints "
-                "[mrad].", board.mrad(board.main), best=-1),
+                "[mrad].", board.mrad(), best=-1),
         *(
             numbers(f"family-{family}", family, f"Error % over one family: {meaning_of(board.scenarios[members[0]])}.",
-                    board.family_errors[family], best=-1, tables=ALL_BUT_LATEX if members[0] in board.main else NONE)
+                    board.error(members), best=-1, tables=ALL_BUT_LATEX if members[0] in board.main else NONE)
             for family, members in board.families.items()
         ),
         Column("access", "access", "Knowledge of the arm: none, the nominal model, or privileged (the real arm).",

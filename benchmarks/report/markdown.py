@@ -42,10 +42,10 @@ def leaderboard(board: Board) -> str:
 
 
 def over_boards(boards: Mapping[str, Board], *, short: bool = False) -> str:
-    """Return a table of rank, score and error on each board, by name, with the boards' gaps.
+    """Return a table of rank and error on each board, by name, with the boards' gaps.
 
-    A short one has the first rows of each board, and the paper's laws with tuned gains. The three
-    numbers stay in one line, on a phone too.
+    A short one has the first rows of each board, and the paper's laws with tuned gains. The numbers
+    of a cell stay in one line, on a phone too.
     """
     chosen = {
         board.policies[i]: None
@@ -82,10 +82,10 @@ def board_page(boards: Mapping[str, Board]) -> str:
     """Return a page of the documentation with every row of some boards, by name."""
     parts = [
         "# All rows of the boards\n\n[The leaderboard](../reference/columns.md) explains the columns.\n\n"
-        "![Scores of the first policies of each board as dots, with their 95 % intervals](../pictures/scores.svg)\n"
+        "![Errors of the first policies of each board as dots, with their 95 % intervals](../pictures/errors.svg)\n"
     ]
     if len(boards) > 1:
-        parts.append(f"## Over all\n\nRank, score and error on each board.\n\n{over_boards(boards)}")
+        parts.append(f"## Over all\n\nRank, error and any lost runs on each board.\n\n{over_boards(boards)}")
     for name, board in boards.items():
         header, rows = leaders(board)
         about = f" Robots: {CLASSES[name].text}." if name in CLASSES else ""

@@ -214,19 +214,23 @@ def plot_comparison(traces: Mapping[str, Trace], title: str, path: Path, columns
     plot_lines(title, panels, path, columns)
 
 
-def plot_scores(boards: Mapping[str, Board], path: Path, rows: int = 8) -> None:
-    """Draw the scores of the first policies of some boards, by name, as dots with their intervals.
+def plot_errors(boards: Mapping[str, Board], path: Path, rows: int = 8) -> None:
+    """Draw the errors of the first policies of some boards, by name, as dots with their intervals.
 
     A name is without "@tuned". The boards stand below each other, as wide as a phone.
     """
-    scored = {name: (board, board.score) for name, board in boards.items() if board.score is not None}
-    with _figure("Scores", path, (WIDTHS[1], len(scored) * (0.55 + 0.16 * rows))) as figure:
-        panels = figure.subplots(len(scored), 1, squeeze=False)[:, 0]
-        for axes, (name, (board, score)) in zip(panels, scored.items(), strict=True):
-            first = [i for i in board.order if i in board.ranked][:rows]
-            value, low, high = score.value[first], score.low[first], score.high[first]
+    from matplotlib.ticker import LogLocator, NullFormatter  # a figure alone needs it
+
+    with _figure("Errors", path, (WIDTHS[1], len(boards) * (0.55 + 0.16 * rows))) as figure:
+        panels = figure.subplots(len(boards), 1, squeeze=False)[:, 0]
+        for axes, (name, board) in zip(panels, boards.items(), strict=True):
+            first, error = [i for i in board.order if i in board.ranked][:rows], board.error()
+            value, low, high = error.value[first], error.low[first], error.high[first]
             axes.errorbar(value, range(len(first)), xerr=(value - low, high - value), fmt="o", color=COLORS[0])
             axes.margins(x=0.04)
-            axes.set(title=name, xlabel="score", ylim=(rows - 0.5, -0.5))
+            axes.set(title=name, xlabel="error [%]", xscale="log", ylim=(rows - 0.5, -0.5))
+            axes.xaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 3.0, 5.0)))
+            axes.xaxis.set_major_formatter("{x:g}")
+            axes.xaxis.set_minor_formatter(NullFormatter())
             labels = [board.policies[i].removesuffix("@tuned") for i in first]
             axes.set_yticks(range(len(first)), labels=labels, fontsize=7)

@@ -20,10 +20,10 @@ from benchmarks.text import visible
 Justify: TypeAlias = Literal["left", "right"]
 
 MEANING = (
-    "score: 0 for the motionless baseline, 100 for the best law that knows the truth; below 0 is worse than no motion. "
-    "error: geometric mean of the mean absolute tracking error in % of the reference's amplitude. diverged: share of runs, "
-    "with its upper bound. effort: torque variation relative to that law's. rank: 95 % interval. "
-    "In brackets: privileged access, not ranked. `fbl-gym report` writes all columns."
+    "rank: 95 % interval, by the error, doubled for each percent of lost runs. error: geometric mean of the mean absolute "
+    "tracking error in % of the reference's amplitude. lost runs: those that diverged, with the upper bound of their share. "
+    "× oracle, effort: as multiples of the best policy that knows the truth. In brackets: privileged access, "
+    "not ranked. `fbl-gym report` writes all columns."
 )
 
 
@@ -61,7 +61,7 @@ def leaderboards(console: Console, boards: Mapping[str, Board]) -> None:
             console.print(f"\n[bold]{escape(name)}[/bold]")
         leaderboard(console, board)
     if len(boards) > 1:
-        console.print(table("rank, score and error on each board", *over_all(boards)))
+        console.print(table("rank and error on each board", *over_all(boards)))
 
 
 def leaderboard(console: Console, board: Board) -> None:

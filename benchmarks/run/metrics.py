@@ -8,6 +8,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from benchmarks.run.rollout import Trace
 from fbl_gym.model.arm import Array
@@ -56,8 +57,8 @@ METRICS: dict[str, str] = {
     "the end if it never is (events only)",
     "unrecovered_pct": "share of the events after which the error is never back [%] (events only)",
     "diverged": "1 where the run diverged, else 0",
-    "baseline_error_pct": "error_pct of the motionless baseline, for which the score is 0",
-    "resolution_pct": "error_pct of one count of the encoder; the score takes no smaller error into account",
+    "baseline_error_pct": "error_pct of the motionless baseline",
+    "resolution_pct": "error_pct of one count of the encoder; no smaller error counts on a board",
 }
 """Name and meaning of each metric, in the order of the columns."""
 
@@ -147,6 +148,15 @@ def counted_error(metrics: Mapping[str, Any]) -> Any:
     The metrics are numbers or arrays, by name.
     """
     return np.maximum(metrics["error_pct"], metrics["resolution_pct"])
+
+
+def penalize(errors: ArrayLike, diverged: ArrayLike) -> Array:
+    """Return the errors of some runs, times 2^100 where a run diverged.
+
+    The geometric mean of the runs is the penalized error, which ranks: each percent of lost runs
+    doubles it. `diverged` is 1 where a run diverged, else 0.
+    """
+    return np.asarray(errors) * 2.0 ** (100 * np.asarray(diverged))
 
 
 def _violation(trace: Trace) -> Array:

@@ -33,16 +33,12 @@ class Suite:
         policies: their specifications, or the texts that name them.
         scenarios: the tasks.
         seeds: how many of the test seeds, from 0 on.
-        more_seeds: how many test seeds some scenarios have, by name, if more than `seeds`.
-        ceilings: names of the scenarios in which a further policy may be the ceiling, by its name.
     """
 
     name: str
     policies: tuple[PolicySpec | PolicyName | str, ...]
     scenarios: tuple[Scenario, ...]
     seeds: int
-    more_seeds: Mapping[str, int] = field(default_factory=dict)
-    ceilings: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         set_fields(
@@ -52,22 +48,9 @@ class Suite:
 
     @cached_property
     def cells(self) -> list[Cell]:
-        """The cells, scenario by scenario, each with every policy; last those of ceilings."""
-
-        def cell(policy: PolicySpec, task: Scenario, number: int) -> Cell:
-            return Cell(policy, task, tuple(SPLITS["test"][:number]))
-
-        policies = [*map(resolve, self.policies)]
-        named = {task.name: task for task in self.scenarios}
-        absent = {law: names for law, names in self.ceilings.items() if law not in (spec.name for spec in policies)}
-        return [
-            *(
-                cell(spec, task, self.more_seeds.get(name, self.seeds))
-                for name, task in named.items()
-                for spec in policies
-            ),
-            *(cell(resolve(law), named[name], self.seeds) for law in absent for name in absent[law] if name in named),
-        ]
+        """The cells, scenario by scenario, each with every policy."""
+        policies, seeds = [*map(resolve, self.policies)], tuple(SPLITS["test"][: self.seeds])
+        return [Cell(policy, task, seeds) for task in self.scenarios for policy in policies]
 
 
 PAPER = ("pid-flm", "cascade-flm", "robust-flm", "adaptive-flm")
@@ -88,8 +71,6 @@ class SuiteSpec:
         seeds: how many of the test seeds.
         robot: class of robots with whose gains laws are tuned.
         short: names of the scenarios of its short form.
-        more_seeds: how many of some scenarios, by name, in which many policies lose runs.
-        ceilings: as for `Suite`; only beside the suite's own policies.
     """
 
     name: str
@@ -101,8 +82,6 @@ class SuiteSpec:
     seeds: int = 32
     robot: str = "servo"
     short: tuple[str, ...] = ()
-    more_seeds: Mapping[str, int] = field(default_factory=dict)
-    ceilings: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
 
     @property
     def policy_names(self) -> tuple[str | PolicyName, ...]:
@@ -138,8 +117,7 @@ class SuiteSpec:
         chosen = expand(tasks or (self.short if short else ())) or self.scenarios
         seeds = SHORT_SEEDS if short and seeds is None else seeds
         specs = members((*(policies or self.policy_names), *more), limits)
-        number, others = (self.seeds, self.more_seeds) if seeds is None else (seeds, {})
-        return Suite(self.name, specs, chosen, number, others, {} if policies else self.ceilings)
+        return Suite(self.name, specs, chosen, self.seeds if seeds is None else seeds)
 
 
 SHORT_SEEDS = 8
@@ -156,11 +134,9 @@ SUITES: dict[str, SuiteSpec] = {
     for spec in (
         *(
             SuiteSpec(
-                robot, f"{kind.text}; every policy, tuned where it can be, severity 2 and surprise, 32 seeds, 128 in "
-                "saturation",
+                robot, f"{kind.text}; every policy, tuned where it can be, severity 2 and surprise, 32 seeds",
                 {robot: (2,), f"{robot}-surprise": (2,)}, (*_SINGLE, _PLANNED, *NEEDS_ACCELERATION),
-                robot=robot, more_seeds={f"{robot}-saturation-2": 128}, ceilings={_PLANNED: (f"{robot}-saturation-2",)},
-                short=(f"{robot}-nominal", f"{robot}-everything-2", f"{robot}-surprise-payload"),
+                robot=robot, short=(f"{robot}-nominal", f"{robot}-everything-2", f"{robot}-surprise-payload"),
             )
             for robot, kind in CLASSES.items()
         ),

@@ -73,10 +73,10 @@ def tau(board: Board, rows: Sequence[int], names: Sequence[str], sealed: Runs) -
     """
     logs = sealed.logs.mean(axis=-1)
     return {
-        "all": float(stats.kendalltau(board.error.value[rows], logs.mean(axis=1)).statistic),
+        "all": float(stats.kendalltau(board.error().value[rows], logs.mean(axis=1)).statistic),
         **{
-            family: float(stats.kendalltau(board.family_errors[family].value[rows], logs[:, k]).statistic)
-            for k, family in enumerate(names) if family in board.family_errors
+            family: float(stats.kendalltau(board.error(board.families[family]).value[rows], logs[:, k]).statistic)
+            for k, family in enumerate(names) if family in board.families
         },
     }  # fmt: skip
 

@@ -1,8 +1,8 @@
 """Tuning of a policy's gains on the tuning seeds, with Optuna; it counts the cost.
 
-The objective is the mean over scenarios of log(error) + 0.1 log(1 + chatter), plus log(2) for each
-percent of diverged runs. The error is the geometric mean of error_pct over the runs, each at least
-the sensor's resolution; a diverged run counts as half a turn from then on. The chatter of a run is
+The objective is the mean over scenarios of log(error) + 0.1 log(1 + chatter). The error is the
+penalized one, by which boards rank: the geometric mean of error_pct over the runs, each at least
+the sensor's resolution, doubled for each percent of lost runs. The chatter of a run is
 the total variation of its torque per second, divided by the root mean square of its torque. Because
 of the logarithms, a scenario counts by the relative change of its error.
 
@@ -25,12 +25,11 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from benchmarks.analysis.statistics import DIVERGENCE_PENALTY
 from benchmarks.files import write_text
 from benchmarks.policies.key import data_digest
 from benchmarks.policies.spec import PolicySpec, resolve
 from benchmarks.run.cell import Cell
-from benchmarks.run.metrics import counted_errors, measure
+from benchmarks.run.metrics import counted_errors, measure, penalize
 from benchmarks.run.rollout import rollout
 from benchmarks.run.store import provenance
 from benchmarks.seeds import SPLITS
@@ -124,10 +123,9 @@ class Task:
             runs = measure(rollout(self.policy, scenario, self.seeds, gains))
             variation, torque, lost = np.array([[run[name] for run in runs] for name in COUNTED])
             chatter = variation / np.maximum(torque, 1e-9)
-            costs.append(np.mean(np.log(counted_errors(runs)) + CHATTER * np.log1p(chatter)))
+            costs.append(np.mean(np.log(penalize(counted_errors(runs), lost)) + CHATTER * np.log1p(chatter)))
             diverged.append(100 * lost.mean())
-        share = float(np.mean(diverged))
-        return float(np.mean(costs)) + DIVERGENCE_PENALTY / 100 * share, share
+        return float(np.mean(costs)), float(np.mean(diverged))
 
 
 def seeds(trial: int, fresh: int) -> tuple[range, range]:

@@ -1,4 +1,4 @@
-"""The real arm as the ceiling laws predict it, from `env.truth`: delay, lag, friction, springs."""
+"""The real arm as the oracles predict it, from `env.truth`: delay, lag, friction, springs."""
 
 from __future__ import annotations
 

@@ -17,8 +17,7 @@ from rich.console import Console
 
 from benchmarks.agents.policy import SHIPPED, best_seed, shipped
 from benchmarks.analysis import board as analysis_board
-from benchmarks.analysis import statistics
-from benchmarks.analysis.board import UNSCORED, assemble, family_of, tier_of
+from benchmarks.analysis.board import assemble, family_of, tier_of
 from benchmarks.policies.spec import resolve
 from benchmarks.report import markdown, terminal
 from benchmarks.report.columns import NONE, columns
@@ -59,14 +58,11 @@ def board(seeds=8, families=("nominal", "mass-error", "length-error")):
 def test_the_board_against_its_definitions():
     found = board()
     assert found.errors.shape == (4, 7, 8)
-    errors, stay = (np.exp(np.log(x).mean(axis=-1)) for x in (found.errors, found.runs["baseline_error_pct"][0]))
-    assert [name for name, _ in found.ceilings.values()] == ["oracle-flm"] * 7
-    expected = (100 * np.log(stay / errors[2]) / np.log(stay / errors[3])).mean()
-    assert found.score.value[2] == pytest.approx(expected)
-    assert found.score.low[2] < expected < found.score.high[2]
-    assert found.score.value[3] == pytest.approx(100.0)
-    np.testing.assert_allclose(found.error.value, np.exp(np.log(found.errors).mean(axis=(1, 2))))
+    error = found.error()
+    np.testing.assert_allclose(error.value, np.exp(np.log(found.errors).mean(axis=(1, 2))))
+    assert np.all((error.low < error.value) & (error.value < error.high))
     np.testing.assert_allclose(found.worst, np.sort(found.errors.reshape(4, -1))[:, -3:].mean(axis=1))
+    np.testing.assert_allclose(found.times_oracle(), error.value / error.value[3])
     assert found.effort[3] == 1.0
     assert [found.policies[i] for i in found.order] == ["cascade-flm", "pid-flm", "zero", "oracle-flm"]
     assert found.ranked == [0, 1, 2]
@@ -74,86 +70,60 @@ def test_the_board_against_its_definitions():
     assert found.families == {"nominal": [0], "mass-error": [1, 2, 3], "length-error": [4, 5, 6]}
 
 
-def changed(found, scenario, **metrics):
-    """A board with other metrics in one scenario, each a number for each policy."""
-    runs = {name: values.copy() for name, values in found.runs.items()}
-    for name, values in metrics.items():
-        runs[name][:, scenario] = np.reshape(values, (-1, 1))
-    return dataclasses.replace(found, runs=runs)
+def changed(found, **metrics):
+    """A board with other metrics, each a number for each policy."""
+    runs = {name: np.broadcast_to(np.reshape(x, (-1, 1, 1)), found.errors.shape) for name, x in metrics.items()}
+    return dataclasses.replace(found, runs=found.runs | runs)
 
 
-def test_a_scenario_without_a_ceiling_leaves_the_rest():
-    """The oracle is no better than staying in one scenario: it is named, and only its diverged runs count."""
-    found = board(families=("nominal", "noise-1"))
-    stay = found.runs["baseline_error_pct"][0, 1].min()
-    blind = changed(found, 1, error_pct=[1.0, 1.0, 1.0, stay])
-    assert list(blind.ceilings) == [0]
-    alone = board(families=("nominal",))
-    np.testing.assert_allclose(blind.score.value, alone.score.value)
-    assert "No error score, since no law with privileged access is a ceiling there: noise-1." in blind.remarks[0]
-    falls = changed(blind, 1, diverged=[0.0, 0.0, 1.0, 0.0])
-    assert (falls.score.value[2], falls.score.value[1]) == (-100.0, blind.score.value[1])
-    assert falls.order[:3] == [1, 0, 2]
-    assert list(changed(found, 1, diverged=[0.0, 0.0, 0.0, 1.0]).ceilings) == [0]
+def test_each_percent_of_lost_runs_doubles_the_error_that_ranks():
+    """One lost run of 400 is a quarter of a percent, so it costs a factor of 2^0.25 = 1.19."""
+    found = board(families=("nominal",), seeds=4)
+    runs = {name: np.tile(values, (1, 1, 100)) for name, values in found.runs.items()}
+    many = changed(dataclasses.replace(found, runs=runs, seeds=tuple(range(400))), error_pct=[9.0, 1.0, 0.9, 0.5])
+    assert many.order[:3] == [2, 1, 0]
+    for lost, order in ((0.0, [2, 1, 0]), (1.0, [1, 2, 0])):
+        flags = np.zeros((4, 1, 400))
+        flags[2, 0, 0] = lost
+        one = dataclasses.replace(many, runs=many.runs | {"diverged": flags})
+        np.testing.assert_allclose(one.times_oracle(), np.array([9.0, 1.0, 0.9 * 2 ** (lost / 4), 0.5]) / 0.5)
+        assert one.order[:3] == order
+    share = one.lost
+    np.testing.assert_allclose([share.value[2], share.low[2], share.high[2]], [1 / 400, 6.329e-05, 0.01385], rtol=1e-3)
+    assert share.high[1] == pytest.approx(1 - 0.025 ** (1 / 400))  # none seen is not none
+    assert (one.rank.low[2], one.rank.high[2]) == (1.0, 2.0)  # a third of the resamples has no lost run
+    np.testing.assert_array_equal(one.error().value, many.error().value)
 
 
-def test_a_policy_with_results_in_one_scenario_may_be_its_ceiling():
-    """It is no row, and the score follows it; while it has no result, the board says so."""
-    cells = load("ideal").build(("zero", "pid-flm", "cascade-flm", "oracle-flm"), ("nominal", "noise-1"), 4).cells
-    results = [run_cell(cell) for cell in cells]
-    found = assemble(results, cells)
-    best = [{**row, "error_pct": row["error_pct"] / 4} for row in results[3].rows]
-    cell = dataclasses.replace(cells[3], policy=resolve("oracle-elastic"))
-    further = assemble([*results, dataclasses.replace(results[3], cell=cell, rows=tuple(best))], [*cells, cell])
-    assert further.policies == found.policies
-    assert [name for name, _ in further.ceilings.values()] == ["oracle-elastic", "oracle-flm"]
-    assert further.score.value[2] < found.score.value[2]
-    assert further.version != found.version
-    (gap,) = assemble(results, [*cells, cell]).gaps
-    assert gap == "Left out: oracle-elastic: no result yet, where it may be the ceiling"
-
-
-def test_the_boards_suite_has_a_planned_ceiling_in_saturation():
-    """Only beside its own policies, and with the seeds of the other scenarios."""
-    suite = load("servo").build(tasks=("servo-saturation-2", "servo-nominal"))
-    (cell,) = [cell for cell in suite.cells if cell.policy.name == "oracle-planned"]
-    assert (cell.scenario.name, len(cell.seeds)) == ("servo-saturation-2", 32)
-    assert not load("servo").build(("zero",)).ceilings
-
-
-def test_diverged_runs_cost_their_price():
-    found = board(families=("nominal",))
-    runs = {**found.runs, "diverged": found.runs["diverged"].copy()}
-    runs["diverged"][2, 0, 0] = 1.0
-    span = np.log(found.runs["baseline_error_pct"][0, 0]).mean() - np.log(found.errors[3, 0]).mean()
-    price = 100 * np.log(2) * 100 * (1 / 8.5) / span
-    once = dataclasses.replace(found, runs=runs)
-    assert once.score.value[2] == pytest.approx(max(found.score.value[2] - price, -100.0))
-    assert once.diverged.value[2] == 1 / 8
-    assert [once.error_rank.value[2], once.diverged_rank.value[2]] == [1, 3]
+def test_policies_with_the_same_runs_share_their_rank_and_nan_is_refused():
+    tied = changed(board(families=("nominal",)), error_pct=[2.0, 1.0, 1.0, 0.5])
+    for end in (tied.rank.low, tied.rank.value, tied.rank.high):
+        np.testing.assert_array_equal(end, [3.0, 1.5, 1.5])
+    with pytest.raises(ValueError, match="every run must have a number"):
+        changed(tied, error_pct=[2.0, np.nan, 1.0, 0.5]).error()
 
 
 def test_a_row_of_several_members_is_their_mean():
     """Each number against the rows of its members; the intervals against members drawn again."""
     single = board(families=("nominal", "mass-error-1"), seeds=4)
     zero, *pair, oracle = single.specs
-    found = dataclasses.replace(single, rows={"zero": (zero,), "pair": tuple(pair), "oracle-flm": (oracle,)})
-    for quantity in ("score", "error", "diverged"):
-        for name in ("value", "low", "high"):
-            numbers, expected = (getattr(getattr(each, quantity), name) for each in (found, single))
-            np.testing.assert_array_equal(numbers[::2], expected[::3])
-    assert found.score.value[1] == pytest.approx(single.score.value[1:3].mean())
-    assert found.error.value[1] == pytest.approx(np.sqrt(single.error.value[1:3].prod()))
+    rows = {"zero": (zero,), "pair": tuple(pair), "oracle-flm": (oracle,)}
+    found = dataclasses.replace(single, rows=rows, decision_us=single.decision_us[:3])
+    error, alone = found.error(), single.error()
+    for name in ("value", "low", "high"):
+        np.testing.assert_allclose(getattr(error, name)[::2], getattr(alone, name)[::3])
+    assert error.value[1] == pytest.approx(np.sqrt(alone.value[1:3].prod()))
+    assert found.mrad()[1] == pytest.approx(np.sqrt(single.mrad()[1:3].prod()))
     assert found.effort[1] == pytest.approx(single.effort[1:3].mean())
     assert found.worst[1] == pytest.approx(single.errors[1:3].max())
-    errors = single.family_errors["mass-error"].value
-    assert found.family_errors["mass-error"].value[1] == pytest.approx(np.sqrt(errors[1:3].prod()))
-    assert found.error.low[1] <= single.error.value[2] < single.error.value[1] <= found.error.high[1]
+    assert error.low[1] <= alone.value[2] < alone.value[1] <= error.high[1]
     assert [found.policies[i] for i in found.order] == ["pair", "zero", "oracle-flm"]
-    draws = single.average(statistics.mean(single.errors, single.counts))
-    counts = (2 * found.weights[:, 1:3]).astype(int)
-    drawn = [np.repeat(row[1:3], count).mean() for row, count in zip(draws, counts, strict=True)]
-    np.testing.assert_allclose(found.average(draws)[:, 1], drawn)
+    # In each resample, the row has one of its members twice, or both.
+    drawn, one, other = np.log(found.penalized()[:, 1]), *np.log(single.penalized()[:, 1:3]).T
+    kinds = np.array([one, (one + other) / 2, other])
+    kind = np.abs(kinds - drawn).argmin(axis=0)
+    np.testing.assert_allclose(kinds[kind, range(len(kind))], drawn)
+    np.testing.assert_allclose(np.bincount(kind[1:]) / 2000, [0.25, 0.5, 0.25], atol=0.04)
     assert "| `pair`, 2 training seeds |" in markdown.leaderboard(found)
 
 
@@ -165,7 +135,7 @@ def test_a_member_that_fails_or_lacks_a_result_counts_for_its_row():
     assert assemble(results[:-1], [results[-1].cell]).incomplete == {"pair": "cascade-flm: no result yet for noise-1"}
     failed = dataclasses.replace(results[-1], rows=(), error="RuntimeError: no")
     found = assemble([*results[:-1], failed])
-    assert found.failed == {(1, 1): "RuntimeError: no"}
+    assert found.failed == {"pair": {"noise-1": "RuntimeError: no"}}
     np.testing.assert_array_equal(found.errors[1:, 1], found.runs["baseline_error_pct"][1:, 1])
 
 
@@ -174,16 +144,15 @@ def test_a_tier_ranks_and_the_others_stand_beside_it(monkeypatch):
     found = board(families=("noise-1", "nominal"), seeds=3)
     assert found.tiers == {"servo": [1], "servo-surprise": [0]}
     alone = board(families=("nominal",), seeds=3)
-    for name in ("error", "diverged", "rank"):
-        np.testing.assert_array_equal(getattr(found, name).value, getattr(alone, name).value)
-    np.testing.assert_allclose(found.scores["servo"].value, alone.scores["servo"].value)
+    for one, other in ((found.error(), alone.error()), (found.lost, alone.lost), (found.rank, alone.rank)):
+        np.testing.assert_array_equal(one.value, other.value)
     titles = [column.title for column in columns(found) if column.tables != NONE]
-    assert titles[2:4] == ["score", "servo-surprise score"]
-    assert "nominal" in titles
-    assert "servo-surprise noise" not in titles
+    surprise = ["servo-surprise error %", "servo-surprise × oracle"]
+    assert titles[:5] == ["rank", "policy", "error %", "lost runs %", "× oracle"]
+    assert [title for title in titles if title in surprise] == surprise
     page = Path(__file__).parents[2].joinpath("docs/reference/columns.md").read_text()
     documented = {name for row in re.findall(r"^\| (.+?) \|", page, flags=re.M) for name in row.split(", ")}
-    assert {*titles} - documented == {"servo-surprise score", "nominal"}
+    assert {*titles} - documented == {*surprise, "nominal"}
 
 
 def test_a_board_shows_violations_where_scenarios_have_constraints():
@@ -196,17 +165,7 @@ def test_a_board_shows_violations_where_scenarios_have_constraints():
     assert [column.text(i) for i in range(3)] == ["12", "–", "12"]
 
 
-def test_an_error_below_the_ceilings_is_remarked():
-    """The remark comes if the whole interval is below it."""
-    found = board(families=("nominal", "noise-1"))
-    assert found.too_good == []
-    errors = found.runs["error_pct"].copy()
-    errors[1, 1], errors[2, 1] = 0.9 * errors[3, 1], errors[3, 1] * np.r_[0.9, np.full(7, 1.01)]
-    (remark,) = dataclasses.replace(found, runs={**found.runs, "error_pct": errors}).remarks
-    assert remark.startswith("Check pid-flm in noise-1: it errs by ")
-
-
-def test_an_arm_that_stays_scores_nothing():
+def test_an_arm_that_stays_errs_as_the_motionless_baseline():
     """A reference and an arm that does not move: its error is baseline_error_pct to the bit."""
     trace = rollout("zero", scenarios.get("nominal").replace(friction={"coulomb": 1e6}, actuator=None), range(3))
     for row in measure(trace):
@@ -218,11 +177,12 @@ def test_a_policy_without_results_is_left_out_and_named():
     found = assemble([*some[:3]])
     assert found.policies == ("zero",)
     assert found.incomplete == {"pid-flm": "no result yet for noise-1"}
-    assert found.score is None
-    assert UNSCORED in markdown.leaderboard(found)
+    assert "oracle" not in markdown.leaderboard(found)  # there is none
     file = io.StringIO()
     terminal.leaderboard(Console(file=file, width=400), found)
-    assert UNSCORED in file.getvalue()
+    assert "Left out: pid-flm: no result yet for noise-1" in file.getvalue()
+    with pytest.raises(ValueError, match="results must be of the same seeds"):
+        assemble([some[0], run_cell(Cell("zero", "noise-1", (0,)))])
     no = [dataclasses.replace(result, rows=(), error="RuntimeError: no") for result in some]
     found = assemble([some[0], no[1], some[2], no[3]])
     assert found.incomplete == {"pid-flm": "RuntimeError: no"}
@@ -231,7 +191,7 @@ def test_a_policy_without_results_is_left_out_and_named():
 
 
 def test_a_policy_that_cannot_run_a_scenario_stays_there():
-    """It keeps its row; where it lacks a sensor, it scores 0 and is marked."""
+    """It keeps its row; where it lacks a sensor, it counts as the motionless baseline and is marked."""
     suite = load("ideal").build(("zero", "pid-flm", "oracle-flm"), ("nominal", "noise-1"), 3)
     results = [run_cell(cell) for cell in suite.cells]
     error = "ValueError: PidFlm needs a sensor of velocity, but the observation only has position"
@@ -239,9 +199,9 @@ def test_a_policy_that_cannot_run_a_scenario_stays_there():
     results[k] = dataclasses.replace(results[k], rows=(), error=error)
     found = assemble(results)
     assert found.policies == ("zero", "pid-flm", "oracle-flm")
-    assert list(found.failed) == [(1, 1)]
+    assert found.failed == {"pid-flm": {"noise-1": error}}
     np.testing.assert_array_equal(found.errors[1, 1], found.runs["baseline_error_pct"][0, 1])
-    assert "Count as the motionless baseline (needs a sensor of velocity): pid-flm in noise-1." in found.remarks
+    assert f"pid-flm counts as the motionless baseline in noise-1: {error}" in found.remarks
     assert "`pid-flm`, motionless in 1 of 2 |" in markdown.leaderboard(found)
 
 
@@ -267,15 +227,15 @@ def test_the_report_has_every_run_and_the_accesses(tmp_path, fbl_gym):
     readme.write_text("before\n<!-- leaderboard -->\nold\n<!-- /leaderboard -->\nafter\n")
     fbl_gym(["report", *same, "--out", str(out), "--readme", str(readme)])
     table = (out / "board.md").read_text()
-    assert table.startswith("| policy | rank | score | error % | diverged % |")
+    assert table.startswith("| policy | rank | error % | lost runs % | × oracle |")
     before, _, rest = readme.read_text().partition("<!-- leaderboard -->\n")
     short, _, after = rest.partition("<!-- /leaderboard -->\n")
     assert (before, after) == ("before\n", "after\n")
-    assert short.splitlines()[0] == "| policy | servo | mean score |"
+    assert short.splitlines()[0] == "| policy | servo |"
     ranks = [line.split(" | ")[1].partition("\u00a0·\u00a0")[0] for line in short.splitlines()[2:]]
     assert ranks == sorted(ranks)
     assert table in (tmp_path / "docs" / "results" / "board.md").read_text()
-    picture = (tmp_path / "docs" / "pictures" / "scores.svg").read_text()
+    picture = (tmp_path / "docs" / "pictures" / "errors.svg").read_text()
     assert "cascade-flm<" in picture  # a dot for each ranked policy
     assert "oracle-flm<" not in picture
     page = (out / "board.html").read_text()

@@ -135,7 +135,7 @@ def printed(board, **options):
 def test_the_board_in_a_file_has_the_numbers_of_the_markdown_table(board):
     shown, table = printed(board, width=132), markdown.leaderboard(board)
     assert f"{len(board.scenarios)} scenarios, 1 seed each" in shown
-    for error, policy in zip(board.error.value, board.policies, strict=True):
+    for error, policy in zip(board.error().value, board.policies, strict=True):
         (row,) = [line for line in shown.splitlines() if line.strip("( ").startswith(policy)]
         assert number(error) in row.split()
         assert f" {number(error)} (" in next(line for line in table.splitlines() if f"`{policy}`" in line)
@@ -149,7 +149,7 @@ def test_the_board_on_a_terminal_has_the_main_columns_that_fit(board, width):
     (row,) = [line.split() for line in shown.splitlines() if line.lstrip().startswith("slotine-li@tuned")]
     _, _, named = " ".join(shown.split()).partition("also shows ")
     hidden = named.split(".")[0].split(", ") if named else []
-    assert len(row) + len(hidden) == len(columns_of(board, ALL)) + 1  # of "0 (≤9.1)"
+    assert len(row) + len(hidden) == len(columns_of(board, ALL)) + 1  # of "0 (≤11)"
 
 
 def test_a_list_has_a_line_each(fbl_gym):

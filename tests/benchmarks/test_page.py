@@ -107,12 +107,12 @@ def press(page, selector):
 
 
 def test_the_board_sorts(page, board):
-    rank, score = column(board, "rank"), column(board, "score")
+    rank, error = column(board, "rank"), column(board, "error")
     assert names(page) == sorted(POLICIES, key=lambda p: (rank[p] is None, rank[p]))
-    press(page, "[data-sort=score]")
-    assert names(page) == sorted(POLICIES, key=lambda p: -score[p])
-    press(page, "[data-sort=score]")
-    assert names(page) == sorted(POLICIES, key=score.get)
+    press(page, "[data-sort=error]")
+    assert names(page) == sorted(POLICIES, key=error.get)
+    press(page, "[data-sort=error]")
+    assert names(page) == sorted(POLICIES, key=error.get, reverse=True)
     sorts = page.execute_script("return [...document.querySelectorAll('#table [aria-sort]')].map(e => e.ariaSort)")
     assert sorted(set(sorts)) == ["ascending", "none"]
     assert sorts.count("ascending") == 1
@@ -179,8 +179,9 @@ def test_a_phone_shows_it_without_scrolling_the_page_sideways(page, path, scheme
 
 
 def test_a_page_of_the_board_alone(page, board, results, tmp_path):
-    alone = replace(board, rows={policy: board.rows[policy] for policy in ("zero", "pid-flm")},
-                    runs={name: runs[[0, 2]] for name, runs in board.runs.items()})  # fmt: skip
+    rows = {policy: board.rows[policy] for policy in ("zero", "pid-flm")}
+    runs = {name: runs[[0, 2]] for name, runs in board.runs.items()}
+    alone = replace(board, rows=rows, runs=runs, decision_us=board.decision_us[[0, 2]])
     write_page(tmp_path / "index.html", alone, results, "pytest")
     page.get((tmp_path / "index.html").as_uri())
     assert names(page) == [alone.policies[i] for i in alone.order]

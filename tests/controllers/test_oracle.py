@@ -63,7 +63,7 @@ def mean_error(name, scenario, **options):
 
 
 @pytest.mark.parametrize("scenario", ["servo-delay-3", "servo-lag-2", "servo-elastic-3", "servo-payload-2"])
-def test_the_ceiling_stands_under_delay_lag_and_elasticity(scenario):
+def test_the_oracle_is_best_under_delay_lag_and_elasticity(scenario):
     """Errors of at most some tenths of a milliradian, far below the oracle without prediction."""
     plain, elastic = (mean_error(name, scenario) for name in ("oracle-flm", "oracle-elastic"))
     assert elastic < 0.3 * plain
