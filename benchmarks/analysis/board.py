@@ -251,28 +251,30 @@ def assemble(results: Sequence[Result], expected: Sequence[Cell] = ()) -> Board:
     seeds = {result.cell.seeds for result in results}
     if len(seeds) > 1:
         raise ValueError(f"results must be of the same seeds, got {' and '.join(str(len(x)) for x in seeds)} seeds")
-    failed: dict[str, dict[str, str]] = {}
-    table, decision_us, keys = [], [], []
+    found = {row: [stored[spec.name][task] for spec in some for task in tasks] for row, some in rows.items()}
+    errors = {row: {x.cell.scenario.name: x.error for x in some if x.error} for row, some in found.items()}
     still = {result.cell.scenario.name: [*map(_motionless, result.rows)] for result in results if result.rows}
-    for row, some in rows.items():
-        found = {(spec.name, task): stored[spec.name][task] for spec in some for task in tasks}
-        errors = {task: result.error for (_, task), result in found.items() if result.error}
-        failed |= {row: errors} if errors else {}
-        for spec in some:
-            table.append([still[task] if task in errors else found[spec.name, task].rows for task in tasks])
-        decision_us.append(np.median([result.decision_us for result in found.values() if result.rows]))
-        keys += [result.cell.key for result in found.values()]
-    names = dict.fromkeys(cell.scenario.name for cell in expected)
-    absent = [name for name in names if name not in tasks]
+    table = [
+        [still[task] if task in errors[row] else stored[spec.name][task].rows for task in tasks]
+        for row, some in rows.items() for spec in some
+    ]  # fmt: skip
+    keys = sorted(result.cell.key for some in found.values() for result in some)
     return Board(
         rows, tuple(tasks), seeds.pop(),
         runs={name: np.array([[[run[name] for run in cell] for cell in line] for line in table]) for name in METRICS},
-        decision_us=np.array(decision_us),
+        decision_us=np.array([np.median([x.decision_us for x in some if x.rows]) for some in found.values()]),
         incomplete=incomplete,
-        lacking=f"{len(absent)} of {len(names)} scenarios have no results: {', '.join(absent)}" if absent else "",
-        failed=failed,
-        version=hashlib.sha256("".join(sorted(keys)).encode()).hexdigest()[:12],
+        lacking=_lacking(expected, tasks),
+        failed={row: some for row, some in errors.items() if some},
+        version=hashlib.sha256("".join(keys).encode()).hexdigest()[:12],
     )  # fmt: skip
+
+
+def _lacking(expected: Sequence[Cell], tasks: Sequence[str]) -> str:
+    """Return a sentence on the expected scenarios that have no results; empty: there are none."""
+    names = dict.fromkeys(cell.scenario.name for cell in expected)
+    absent = [name for name in names if name not in tasks]
+    return f"{len(absent)} of {len(names)} scenarios have no results: {', '.join(absent)}" if absent else ""
 
 
 def _members(specs: Iterable[PolicySpec]) -> dict[str, tuple[PolicySpec, ...]]:
