@@ -13,7 +13,7 @@ import pytest
 
 from benchmarks.policies.isolation import Failed, run_parallel
 from benchmarks.policies.key import data_digest
-from benchmarks.run import cell as cell_module
+from benchmarks.run import runner as runner_module
 from benchmarks.run import store as store_module
 from benchmarks.run.cell import Cell
 from benchmarks.run.metrics import METRICS
@@ -46,7 +46,7 @@ def contents(folder):
 def test_a_finished_cell_is_found_and_not_run_again(tmp_path, monkeypatch):
     assert {done for done, _ in finish(cells(), tmp_path)} == {"computed"}
     before = {p: p.stat().st_mtime_ns for p in Store(tmp_path).files()}
-    monkeypatch.setattr(cell_module, "rollout_trials", lambda *_: pytest.fail("it was run again"))
+    monkeypatch.setattr(runner_module, "rollout_trials", lambda *_: pytest.fail("it was run again"))
     assert {done for done, _ in finish(cells(), tmp_path)} == {"found"}
     assert {p: p.stat().st_mtime_ns for p in Store(tmp_path).files()} == before
 
