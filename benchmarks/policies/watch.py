@@ -50,7 +50,9 @@ class Watch:
 
     def __init__(self, files: Iterable[str], home: Path) -> None:
         self.seen: dict[str, None] = {}
-        self._free, self._home = set(files), home
+        # Warnings and tracebacks read the sources of modules that are loaded.
+        loaded = {str(getattr(module, "__file__", None)) for module in [*sys.modules.values()]}
+        self._free, self._home = {*files, *(file for file in loaded if place(file) == "")}, home
         # The policy of an installed package: its folder in site-packages is not free for it.
         installed = (re.match(r".*[/\\](site|dist)-packages[/\\][^/\\]+", file) for file in self._free)
         self._own = tuple(match[0] for match in installed if match and place(match.string) == "installed")

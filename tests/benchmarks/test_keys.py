@@ -109,7 +109,7 @@ def test_the_key_follows_the_package_of_an_external_policy(folder, tmp_path, mon
 @pytest.mark.parametrize(
     ("declares", "error"),
     [
-        ("kind = 'foo'", "kind"), ("access = 'all'", "access"), ("preview = 'far'", "could not convert"),
+        ("kind = 'foo'", "kind"), ("access = 'all'", "access"), ("preview = 'far'", "must be a finite number not below 0"),
         ("data_files = (1,)", "data_files of"), ("data_files = 'gain.txt'", "data_files of"),
     ],
 )  # fmt: skip

@@ -138,6 +138,7 @@ def test_wrong_options_are_named(options, message):
         TwoLinkArmEnv(**options)
 
 
+@pytest.mark.filterwarnings("ignore::fbl_gym.scenarios.files.UnitsWarning")
 @pytest.mark.parametrize(
     ("options", "message"),
     [
