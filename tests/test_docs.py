@@ -196,7 +196,7 @@ SHORT = {
     "reproduce": "--only figure-3a --short",
     "benchmarks.speed": "--rounds 1",
     "benchmarks.studies.ends": "--seeds 1 --workers 1",
-    "benchmarks.studies.sealed": "--seeds 1 --policies pid-flm cascade-flm oracle-flm --workers 1",
+    "benchmarks.studies.sealed": "--seeds 1 --policies zero cascade-flm oracle-flm --workers 1",
     "tests.board_coverage": "--of 1 --scenarios servo-nominal --workers 1",
     "tests.drawn_arms": "--minutes 0 --seeds 2 --laws pd-gravity --policies pd-gravity --workers 1",
 }
@@ -252,18 +252,24 @@ def folder(tmp_path, monkeypatch):
 
 
 SLOW = (
-    "explanation/statistics", "how-to/identify", "how-to/offline-learning", "how-to/recommend", "how-to/rl-tracks",
-    "how-to/tune", "reference/classes", "reference/controllers/ceiling", "results/agents", "results/ends",
-    "results/mujoco", "results/performance", "start/a-day-with-a-robot", "start/examples", "start/your-robot",
+    "how-to/identify", "how-to/offline-learning", "how-to/recommend", "how-to/tune", "reference/classes",
+    "reference/controllers/ceiling", "results/performance", "start/examples", "start/your-robot",
 )  # fmt: skip
-"""Pages that take more than some ten seconds."""
+"""Pages that take more than some ten seconds. `make test` runs them where pages or names changed."""
 
+SLOWEST = ("how-to/rl-tracks", "results/agents", "results/ends", "results/mujoco", "start/a-day-with-a-robot")
+"""Pages that take minutes. `make test-long` runs them."""
 
 RUN = [page for page in PAGES if any(not b.reason and (b.file or b in PYTHON + SHELL) for b in BLOCKS[page])]
-MARKS = [pytest.mark.slow, pytest.mark.page]
 
 
-@pytest.mark.parametrize("page", [pytest.param(page, marks=MARKS * (page[5:-3] in SLOW)) for page in RUN])
+def marked(page):
+    """Return a page as a parameter of a test, with its marks."""
+    slow, slowest = page[5:-3] in SLOW, page[5:-3] in SLOWEST
+    return pytest.param(page, marks=[pytest.mark.slow] * (slow or slowest) + [pytest.mark.page] * slow)
+
+
+@pytest.mark.parametrize("page", [marked(page) for page in RUN])
 @pytest.mark.usefixtures("folder")
 def test_a_page_runs(page):
     """From top to bottom, without a warning."""
@@ -283,7 +289,7 @@ def test_a_page_runs(page):
         if block.file:
             Path(block.file).write_text(text)
         if block.language == "toml" and block.file:
-            load(block.file).build() if "policies" in text else scenarios.get(block.file)
+            load(block.file, trust=True).build() if "policies" in text else scenarios.get(block.file)
         elif block in SHELL:
             for command in commands(text):
                 run(*command)
@@ -295,7 +301,7 @@ def test_a_page_runs(page):
 
 def test_what_shortens_a_page_is_on_a_page():
     assert [long for long in SHORTER if not any(long in text for text in PAGES.values())] == []
-    assert {f"docs/{page}.md" for page in SLOW} <= {*PAGES}
+    assert {f"docs/{page}.md" for page in SLOW + SLOWEST} <= {*PAGES}
 
 
 @pytest.mark.slow

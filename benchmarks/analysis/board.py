@@ -295,7 +295,7 @@ def _why_left_out(
         lacking = [task for task in tasks if task not in results]
         if results and all(result.error for result in results.values()):
             reason = next(iter(results.values())).error
-        elif lacking:
+        elif lacking or not results:
             reason = "no result yet" + (f" for {_and_more(lacking)}" if results else "")
         else:
             continue

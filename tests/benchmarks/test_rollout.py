@@ -181,7 +181,7 @@ def test_columns_of_numbers_are_to_the_right(tmp_path):
         ("evaluate pd-gravity zero --plot lines.png", 2, 6),
         ("evaluate pd-gravity zero --trials 2", 2, 3),
         ("sweep pd-gravity zero --over arm.m2=14,15,16 --workers 1", 3, 3),
-        ("leaderboard --policies pd-gravity zero oracle-flm --scenarios arm.toml --workers 1", 3, 8),
+        ("leaderboard --policies pd-gravity zero oracle-flm --scenarios arm.toml --workers 1", 3, 7),
     ],
 )
 def test_commands_write_their_table(line, rows, columns, folder, fbl_gym):
