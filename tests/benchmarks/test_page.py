@@ -198,7 +198,7 @@ NAMES = (
 
 def renamed(run, name, task):
     """A result with other names of its policy and its scenario."""
-    policy = replace(run.cell.policy, parsed=replace(run.cell.policy.parsed, text=name))
+    policy = replace(run.cell.policy, parsed=replace(run.cell.policy.parsed, source=name))
     return replace(run, cell=replace(run.cell, policy=policy, scenario=short("nominal").replace(name=task)))
 
 
@@ -217,9 +217,9 @@ def test_every_kind_of_name_is_text(browser, named):
     assert "<img" not in named.read_text(encoding="utf-8").split("* plotly.js")[0]
     browser.set_window_size(1280, 900)
     browser.get(named.as_uri())
-    assert sorted(names(browser)) == sorted(NAMES)
+    assert sorted(names(browser)) == sorted(name.replace("\x1b", "\\u001b") for name in NAMES)
     heads = [head.text.replace("\n", " ") for head in browser.find_elements("css selector", "#table thead th")]
-    heads = {head.split("\x1b")[0].strip() for head in heads}
+    heads = {head.split("\\u001b")[0].strip() for head in heads}
     assert {" ".join(name.split("\x1b")[0].split()) for name in NAMES} <= heads
     assert browser.find_elements("css selector", "thead .policy")[0].text == "policy"
     assert browser.execute_script("return document.querySelectorAll('img, main a, iframe, main script').length") == 0
