@@ -1,4 +1,4 @@
-"""What a policy's numbers depend on, as files and their hashes.
+"""The files that a policy's numbers depend on, and their hashes.
 
 1. All results run through the `SHARED` files: one hash.
 2. A policy depends on its own code: the module of its law with the modules of laws whose functions

@@ -1,4 +1,4 @@
-"""What a policy opens, starts or asks for beside its key, seen by Python's audit hook.
+"""A watch on policies: files, processes and variables beside the key, by Python's audit hook.
 
 An event counts if code from outside fbl-gym causes it, but for what an installed package does
 while it is imported. Files of Python, of installed packages and of the system are free, and so are

@@ -1,4 +1,4 @@
-"""What names stand for on a board: policies and their members, scenarios and their families."""
+"""Expansion of a board's names: policies into members, families into scenarios."""
 
 import dataclasses
 import json

@@ -1,4 +1,4 @@
-"""How a family and a tier of scenarios are declared."""
+"""Declarations of a family and of a tier of scenarios."""
 
 from collections.abc import Callable, Collection, Mapping, Sequence
 from typing import Any, NamedTuple
