@@ -145,6 +145,8 @@ def test_commands_exist(block):
                 assert re.search(rf"^{extra} = ", PYPROJECT, flags=re.M), extra
         elif program == "python" and first == "-m":
             assert find_spec(words[0].partition(".")[0]) is None or find_spec(words[0]), words[0]
+        elif program == "python" and first.startswith("examples/"):
+            assert (ROOT / first).exists(), first
         elif block.page in PAGES:
             assert block.reason or first in {other.file for other in BLOCKS[block.page]}, program
         for word in words:
@@ -190,12 +192,11 @@ SHORT = {
     "report": "--seeds 1 --policies zero cascade-flm oracle-flm --scenarios servo-model-error-2",
     "sweep": "--seeds 1 --workers 1",
     "tune": "--trials 2 --seeds 1 --fresh-seeds 1 --candidates 1 --workers 1",
-    "record": "--episodes 2",
+    "examples/offline_data.py": "--episodes 2",
     "recommend": "--seeds 2 --minutes 0 --policies pd-gravity computed-torque --workers 1",
     "train": "--steps 40 --hyperparameters short.json",
     "reproduce": "--only figure-3a --short",
     "benchmarks.speed": "--rounds 1",
-    "benchmarks.studies.ends": "--seeds 1 --workers 1",
     "benchmarks.studies.sealed": "--seeds 1 --policies zero cascade-flm oracle-flm --workers 1",
     "tests.board_coverage": "--of 1 --scenarios servo-nominal --workers 1",
     "tests.drawn_arms": "--minutes 0 --seeds 2 --laws pd-gravity --policies pd-gravity --workers 1",
@@ -216,7 +217,6 @@ def run(program, first, *words):
     words = [match for word in words for match in sorted(glob(word)) or [word]]
     # Two scenarios of a board, and two policies of a table.
     words = re.sub(r"(--scenarios(?: (?!--)\S+){1,2})(?: (?!--)\S+)*", r"\1", " ".join(words)).split()
-    words = words[:3] if name == "benchmarks.studies.ends" else words
     own_suite = "--suite" in words and any(word.endswith(".toml") for word in words)
     for option in re.findall(r"--.*?(?= --|$)", SHORT.get(name, "")):
         if option.split()[0] not in ("--policies", "--scenarios") or not (own_suite or option.split()[0] in words):
@@ -233,7 +233,9 @@ def run(program, first, *words):
             package = find_spec(name).submodule_search_locations
             importlib.import_module(f"{name}.__main__" if package else name).main()
         else:
-            runpy.run_path(name, run_name="__main__")
+            if name.startswith("examples/"):
+                Path("example.py").write_text(shortened((ROOT / name).read_text()))
+            runpy.run_path("example.py" if name.startswith("examples/") else name, run_name="__main__")
 
 
 @pytest.fixture
@@ -257,7 +259,7 @@ SLOW = (
 )  # fmt: skip
 """Pages that take more than some ten seconds. `make test` runs them where pages or names changed."""
 
-SLOWEST = ("how-to/rl-tracks", "results/agents", "results/ends", "results/mujoco", "start/a-day-with-a-robot")
+SLOWEST = ("how-to/rl-tracks", "results/agents", "results/mujoco", "start/a-day-with-a-robot")
 """Pages that take minutes. `make test-long` runs them."""
 
 RUN = [page for page in PAGES if any(not b.reason and (b.file or b in PYTHON + SHELL) for b in BLOCKS[page])]
@@ -279,7 +281,7 @@ def test_a_page_runs(page):
             Path(block.file).write_text(shortened(block.text))
     todo = [block for block in BLOCKS[page] if not block.reason]
     started = {first for block in todo if block in SHELL for _, first, *_ in commands(block.text)}
-    for root in ("stable_baselines3", "sb3_contrib", "torch", "minari", "moviepy"):
+    for root in ("stable_baselines3", "sb3_contrib", "torch", "moviepy"):
         if any(f"import {root}" in block.text or f"from {root}" in block.text for block in todo):
             pytest.importorskip(root)
     if "offline.py" in PAGES[page]:  # what d3rlpy would train
@@ -300,7 +302,8 @@ def test_a_page_runs(page):
 
 
 def test_what_shortens_a_page_is_on_a_page():
-    assert [long for long in SHORTER if not any(long in text for text in PAGES.values())] == []
+    texts = [*PAGES.values(), *(path.read_text() for path in (ROOT / "examples").glob("*.py"))]
+    assert [long for long in SHORTER if not any(long in text for text in texts)] == []
     assert {f"docs/{page}.md" for page in SLOW + SLOWEST} <= {*PAGES}
 
 

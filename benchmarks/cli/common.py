@@ -74,13 +74,9 @@ ARGUMENTS: dict[str, dict[str, Any]] = {
         "type": partial(count, most=max(64, 4 * CORES), why=", four for each core"), "default": CORES, "metavar": "N",
         "help": "processes (one per core)",
     },
-    "--cluster": {
-        "default": "", "metavar": "ADDRESS",
-        "help": "run on the workers of a Dask scheduler, such as tcp://10.0.0.1:8786 (extra: cluster)",
-    },
     "--columns": {"type": int, "choices": (1, 2), "default": 2, "help": "its width in columns of a journal (2)"},
 }  # fmt: skip
-RUN = ("--workers", "--cluster", "--trust", "--store")
+RUN = ("--workers", "--trust", "--store")
 """The arguments of a run of cells."""
 
 
@@ -117,10 +113,8 @@ def add_tex(parser: argparse.ArgumentParser) -> None:
 
 def run_all(cells: Sequence[Cell], arguments: argparse.Namespace, limits: CallLimits | None = None) -> Iterator[Result]:
     """Run the cells that the store lacks, show the progress, and yield all results in any order."""
-    runs = run_cells(
-        cells, Store(arguments.store), workers=arguments.workers, command=command_line(), limits=limits,
-        cluster=arguments.cluster,
-    )  # fmt: skip
+    store = Store(arguments.store)
+    runs = run_cells(cells, store, workers=arguments.workers, command=command_line(), limits=limits)
     for _, result in track(runs, "cells", len(cells), console=Screen(stderr=True)):
         yield result
 

@@ -43,8 +43,6 @@ COMMANDS = {
     "tune": Command("tune a policy's gains on the tuning seeds", "computed-torque --trials 20", "finished trials are kept"),
     "train": Command("train an agent of stable-baselines3 on the uncertain arm", "ppo --minutes 2",
         "the last checkpoint and the best agent are kept"),
-    "record": Command("record episodes of a policy as a data set for offline learning",
-        "computed-torque --scenario everything-2 --noise 0.1 --out data/noisy-v0"),
     "curves": Command("compare training runs, grouped over their seeds: table and learning curves",
         "runs/ppo-torque-0 runs/ppo-torque-1 --plot curves.png"),
     "reproduce": Command("measure the paper's figures and claims, each with a verdict",
@@ -59,7 +57,7 @@ COMMANDS = {
 EXTRAS: dict[str, tuple[str, ...]] = {
     "bench": ("filterpy", "matplotlib", "pandas", "rich", "threadpoolctl"), "analysis": ("jinja2", "optuna", "plotly"),
     "rl": ("sb3_contrib", "stable_baselines3", "torch"), "render": ("imageio_ffmpeg", "pygame"),
-    "cluster": ("distributed",), "mpc": ("casadi",), "mujoco": ("mujoco",), "data": ("h5py", "minari"),
+    "mpc": ("casadi",), "mujoco": ("mujoco",),
 }  # fmt: skip
 """The modules that each extra installs."""
 

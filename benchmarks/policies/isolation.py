@@ -13,7 +13,6 @@ takes a hundredth of the time of a start from nothing.
 
 import atexit
 import contextlib
-import logging
 import multiprocessing
 import os
 import pickle
@@ -202,7 +201,7 @@ def _search_path() -> list[str]:
 
 
 def run_parallel(
-    function: Callable[[Item], Answer], items: Sequence[Item], workers: int = 1, cluster: str = ""
+    function: Callable[[Item], Answer], items: Sequence[Item], workers: int = 1
 ) -> Iterator[tuple[Item, Answer | Failed]]:
     """Yield each item with its answer, in any order. All processes end with the iterator.
 
@@ -212,11 +211,7 @@ def run_parallel(
         function: of a module, or a `partial` of one.
         items: plain data.
         workers: number of processes; 1: this one.
-        cluster: address of a Dask scheduler, such as "tcp://10.0.0.1:8786", whose workers are used
-            instead of processes of this machine.
     """
-    if cluster:
-        return _run_on_cluster(function, items, cluster)
     return _run_in_pool(function, items, workers) if workers > 1 else ((item, function(item)) for item in items)
 
 
@@ -267,34 +262,3 @@ def _end_with_parent() -> None:
     if parent := multiprocessing.parent_process():
         parent.join()
     os._exit(1)
-
-
-def _run_on_cluster(
-    function: Callable[[Item], Answer], items: Sequence[Item], cluster: str
-) -> Iterator[tuple[Item, Answer | Failed]]:
-    """Call a function in Dask's workers. Its scheduler gives the calls of a dead one to another."""
-    import distributed
-
-    logging.getLogger("distributed.client").setLevel(logging.CRITICAL)  # a lost scheduler is one error, below
-    try:
-        client = distributed.Client(cluster, set_as_default=False)
-    except OSError:
-        raise Failed(f"no Dask scheduler answers at {cluster}") from None
-    with client:
-        items_of = {client.submit(function, item, pure=False): item for item in items}
-        while items_of:
-            with contextlib.suppress(TimeoutError):
-                for future in distributed.as_completed([*items_of], loop=client.loop, timeout=PATIENCE):
-                    item = items_of.pop(future)
-                    if future.status == "error":
-                        yield item, Failed(reason_of(future.exception()))
-                    elif future.status == "finished":
-                        yield item, future.result()
-                    else:
-                        raise Failed(f"the Dask scheduler at {cluster} ended; the same command goes on")
-            if items_of and not client.scheduler_info()["workers"]:
-                say(f"fbl-gym: waiting for a worker of the Dask scheduler at {cluster}", sys.stderr)
-
-
-PATIENCE = 10.0
-"""Time between two looks at the workers of a cluster [s]."""

@@ -1,11 +1,10 @@
-"""Runs one cell, and the cells that a store lacks, in processes of this machine or of a cluster.
+"""Runs one cell, and the cells that a store lacks, in processes of this machine.
 
 A finished cell is in the store, which this process alone writes.
 """
 
 import functools
 import os
-import platform
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
@@ -13,7 +12,6 @@ from typing import Any
 from threadpoolctl import threadpool_limits
 
 from benchmarks.policies.isolation import CallLimits, Failed, run_parallel
-from benchmarks.policies.key import PACKAGES, data_digest, digests
 from benchmarks.policies.spec import PolicySpec
 from benchmarks.run.cell import Cell
 from benchmarks.run.contract import broken, watch
@@ -22,12 +20,10 @@ from benchmarks.run.rollout import Trace, rollout_trials
 from benchmarks.run.store import Result, Store, provenance
 from benchmarks.text import reason_of
 from fbl_gym import Scenario
-from fbl_gym.neighbours import ROOT
 
 
 def run(
-    cells: Sequence[Cell], store: Store, *, workers: int = 1, command: str = "", limits: CallLimits | None = None,
-    cluster: str = "",
+    cells: Sequence[Cell], store: Store, *, workers: int = 1, command: str = "", limits: CallLimits | None = None
 ) -> Iterator[tuple[str, Result]]:  # fmt: skip
     """Run the cells that the store lacks, in any order, and yield each result with its origin.
 
@@ -39,7 +35,6 @@ def run(
         workers: number of processes.
         command: the command that was typed, for the record.
         limits: of the time and memory of a cell; None: those of external policies.
-        cluster: address of a Dask scheduler, whose workers run the cells; empty: this machine.
     """
     absent = []
     for cell in cells:
@@ -47,30 +42,18 @@ def run(
             absent.append(cell)
         else:
             yield "found", stored
-    work = functools.partial(_run_in, os.getcwd(), command, limits, code_of_process() if cluster else "")
-    for cell, answer in run_parallel(work, absent, min(workers, len(absent)), cluster):
+    work = functools.partial(_run_in, os.getcwd(), command, limits)
+    for cell, answer in run_parallel(work, absent, min(workers, len(absent))):
         result = Result.failure(cell, str(answer), command) if isinstance(answer, Failed) else answer
         store.save(result)
         yield "failed" if result.error else "computed", result
 
 
-def _run_in(folder: str, command: str, limits: CallLimits | None, code: str, cell: Cell) -> Result:
-    """Run a cell in a folder, since its policy may be named by a relative path.
-
-    A code that is given must be that of this process.
-    """
-    if code and code != code_of_process():
-        return Result.failure(cell, f"the worker on {platform.node()} has other code: start it again", command)
+def _run_in(folder: str, command: str, limits: CallLimits | None, cell: Cell) -> Result:
+    """Run a cell in a folder, since its policy may be named by a relative path."""
     if Path(folder).is_dir():
         os.chdir(folder)
     return run_cell(cell, command, limits)
-
-
-@functools.cache
-def code_of_process() -> str:
-    """Return a hash of the packages' code as it was when this process first asked for it."""
-    files = [file for package in PACKAGES for file in (ROOT / package).rglob("*.py")]
-    return data_digest(digests({file.relative_to(ROOT).as_posix(): file for file in files}))
 
 
 def run_cell(cell: Cell, command: str = "", limits: CallLimits | None = None) -> Result:

@@ -1,8 +1,8 @@
 """Results on disk: a folder with one file for each finished cell.
 
 A file's name says what was run and ends in the cell's key, a hash of all that the result depends
-on. A file is written under a temporary name and then renamed, so it is complete or absent, on a
-cluster's shared file system too. A result that is there is not computed again.
+on. A file is written under a temporary name and then renamed, so it is complete or absent. A result
+that is there is not computed again.
 
 The checksum in a file finds damage. It is no signature: whoever writes a file can compute it, and
 `fbl-gym verify` runs a result again.

@@ -1,0 +1,23 @@
+"""Train an agent of stable-baselines3, and judge it by the metrics of the board.
+
+    python examples/train_sb3.py
+
+It takes about a minute. The saved model is a policy of every command:
+
+    fbl-gym evaluate model.zip computed-torque@tuned --trust --scenario servo-nominal
+"""
+
+import gymnasium as gym
+from stable_baselines3 import PPO
+
+import benchmarks
+import fbl_gym  # noqa: F401  registers the environments
+
+env = gym.make("fbl_gym/TwoLinkArmTracking-v0", scenario="servo-practice-everything-1")
+model = PPO("MlpPolicy", env, seed=0, device="cpu")
+model.learn(150_000)
+model.save("model")
+
+for policy in ("model.zip", "computed-torque@tuned"):
+    runs = benchmarks.evaluate(policy, "servo-nominal", seeds=16, trust=True)
+    print(f"{policy}: error {runs.error_pct.median():.2f} %, {100 * runs.diverged.mean():.0f} % diverged")
