@@ -4,8 +4,11 @@ import argparse
 from collections.abc import Sequence
 from typing import Any
 
-from benchmarks.cli.common import add, add_option
+import numpy as np
+
+from benchmarks.cli.common import add, add_option, add_plot
 from benchmarks.policies.spec import PolicySpec, resolve
+from benchmarks.report.plot import Line, Panel, plot_lines
 from benchmarks.report.terminal import Screen, table
 from benchmarks.studies.linear import POINT, Margins, linearize
 from fbl_gym import Scenario, scenarios
@@ -17,6 +20,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_option(parser, "--seed", int, 0, "N", "of the real arm, where it is drawn")
     rest = "where the arm rests, in rad (-1 0.5)"
     parser.add_argument("--at", nargs=2, type=float, default=POINT, metavar=("Q1", "Q2"), help=rest)
+    add_plot(parser, "the Bode plot of each joint's loop")
 
 
 def run(arguments: argparse.Namespace) -> int:
@@ -26,26 +30,45 @@ def run(arguments: argparse.Namespace) -> int:
     title = f"{scenario.name}, at rest at ({q1:g}, {q2:g}) rad"
     rows: list[Sequence[str]] = []
     remarks: list[str] = []
+    loops: dict[str, Any] = {}
     for policy in arguments.policies:
         spec = resolve(policy)
         try:
-            margins = Margins(**spec.call(_margins, spec, scenario, (q1, q2), arguments.seed))
+            fields, loops[str(policy)] = spec.call(_margins, spec, scenario, (q1, q2), arguments.seed)
+            margins = Margins(**fields)
             rows.append((
                 policy, f"{max(margins.gain_lower):.2f} - {min(margins.gain_upper):.2f}", f"{min(margins.phase):.0f} deg",
-                f"{1e3 * margins.delay:.1f} ms", f"{max(margins.sensitivity):.2f}", f"{max(margins.complementary):.2f}",
+                f"{1e3 * margins.delay:.1f} ms", f"{margins.delay / scenario.control_dt:.2f}",
+                f"{max(margins.sensitivity):.2f}", f"{max(margins.complementary):.2f}",
             ))  # fmt: skip
         except ValueError as problem:
             remarks.append(f"no margins of {policy}: {problem}")
     screen = Screen()
     if rows:
-        header = ("policy", "gain margin", "phase margin", "delay margin", "peak of S", "peak of T")
+        header = ("policy", "gain margin", "phase margin", "delay margin", "in samples", "peak of S", "peak of T")
         screen.print(table(title, header, rows))
         remarks.append("Gain, phase and peaks: the worse joint, cut at its torque. Delay: of both torques.")
+    if rows and arguments.plot is not None:
+        plot_lines(f"Loops on {title}", _bode(loops), arguments.plot, arguments.columns, across=2)
+        remarks.append(f"plot: {arguments.plot}")
     for remark in remarks:
         screen.say(remark)
     return 0 if rows else 1
 
 
-def _margins(policy: PolicySpec, scenario: Scenario, at: Pair, seed: int) -> dict[str, Any]:
-    """Return the fields of a policy's margins."""
-    return vars(linearize(policy, scenario, at, seed=seed).margins())
+def _margins(policy: PolicySpec, scenario: Scenario, at: Pair, seed: int) -> tuple[dict[str, Any], Any]:
+    """Return the fields of a policy's margins, and frequencies and loop transfer of both joints."""
+    loop = linearize(policy, scenario, at, seed=seed)
+    return vars(loop.margins()), [loop.response(joint, points=500) for joint in (0, 1)]
+
+
+def _bode(loops: dict[str, Any]) -> list[Panel]:
+    """Return magnitude and phase of both joints' loop transfers."""
+    panels = []
+    for label, part in (("|L|", np.abs), ("phase of L [deg]", lambda z: np.degrees(np.unwrap(np.angle(z))))):
+        scales = ("log", "log" if part is np.abs else "linear")
+        for joint in (0, 1):
+            curves = {name: both[joint] for name, both in loops.items()}
+            lines = tuple(Line(w, part(transfer), name) for name, (w, transfer) in curves.items())
+            panels.append(Panel(f"joint {joint + 1}", "frequency [rad/s]", label, lines, scales))
+    return panels

@@ -8,17 +8,19 @@ circle.
 """
 
 import dataclasses
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.linalg import block_diag
 from scipy.signal import cont2discrete
 from threadpoolctl import threadpool_limits
 
 from benchmarks.policies.spec import PolicySpec, resolve
-from benchmarks.run.rollout import make_env
+from benchmarks.run.rollout import make_env, reference_motion
 from controllers.base import leaves, map_state
 from controllers.oracles.true_arm import TrueArm
 from fbl_gym.interface import Interface
@@ -26,7 +28,7 @@ from fbl_gym.kernel.batch import Truth
 from fbl_gym.model.arm import Array
 from fbl_gym.options import ArrayReference, Encoder, Friction, Payload
 from fbl_gym.records.checks import Pair, check_pair
-from fbl_gym.records.record import ends, scaled
+from fbl_gym.records.record import Distribution, ends, scaled
 from fbl_gym.scenarios import Scenario, as_scenario
 
 POINT: Pair = (-1.0, 0.5)
@@ -35,8 +37,8 @@ POINT: Pair = (-1.0, 0.5)
 MEASURED = ("position", "velocity", "acceleration", "previous_actions")
 """The slots of the observation that depend on the arm. The reference is held."""
 
-SETTLING = 60.0
-"""An arm that is not at rest after so long [s] has no operating point."""
+SETTLING = 10.0
+"""An arm that is not at rest after so long [s] does not come to rest without dry friction."""
 
 MOST_NUMBERS = 2_000
 """A policy whose state has more numbers is not linearised, since that would take minutes."""
@@ -59,6 +61,18 @@ STEPS = (1e-5, 1e-6)
 
 class NotLinear(ValueError):
     """A loop without a linearisation or without margins; the message gives the reason."""
+
+
+class Kink(NotLinear):
+    """A law with other slopes on both sides of a point.
+
+    Args:
+        columns: the quantities along which the slopes differ [m].
+    """
+
+    def __init__(self, columns: NDArray[np.bool_]) -> None:
+        super().__init__("the law has no derivative at this point")
+        self.columns = columns
 
 
 @dataclass(frozen=True)
@@ -225,69 +239,134 @@ def linearize(
 ) -> LinearLoop:
     """Linearise the loop of a policy about rest at the constant reference `at` [rad].
 
-    The arm is first run without noise, disturbance and dry friction, and carries its payload all
-    the time.
+    The policy first runs an episode of the scenario that ends at rest there; what it learns, such
+    as the dry friction, it knows at the operating point. The arm then goes on without noise,
+    disturbance and dry friction, and carries its payload. If it does not come to rest, the
+    operating point is that of the end of the episode.
 
     Raises:
-        NotLinear: the arm diverges or does not come to rest, or the law is not linear even for
-            small deviations.
+        NotLinear: the policy reads the true state, the drives are too weak, or the law is not
+            linear even for small deviations.
     """
-    scenario = as_scenario(scenario)
-    limit, scenario = scenario.actuator.torque_limit, _calm(scenario)
+    scenario, spec = _without_jitter(as_scenario(scenario)), resolve(policy)
     point, zero = check_pair("at", at), (0.0, 0.0)
-    reference = ArrayReference(position=(point,) * 2, velocity=(zero,) * 2, acceleration=(zero,) * 2)
-    instants = [round(time / scenario.control_dt) for time in np.arange(10.0, SETTLING + 1.0, 10.0)]
-    duration = (instants[-1] + 1) * scenario.control_dt
-    scenario = scenario.replace(reference=reference, initial_error=0.0, duration=duration)
-    spec = resolve(policy)
     if not spec.ranked:
         raise NotLinear("the policy reads the true state")
-    env = make_env(spec, scenario, 1)
+    reference = ArrayReference(position=(point,) * 2, velocity=(zero,) * 2, acceleration=(zero,) * 2)
+    duration = SETTLING + scenario.control_dt
+    calm = _calm(scenario, spec).replace(reference=reference, initial_error=0.0, duration=duration)
+    env = make_env(spec, calm, 1)
     actor = spec.make(env)
-    observation, _ = env.reset(seed=[seed])
-    state: Any = None
-    for k in range(instants[-1] + 1):
-        truth = env.truth if k in instants else None
-        if truth and np.abs(truth.velocity).max() < 1e-6 > np.abs(truth.acceleration).max():
-            if limit is not None and np.any(np.abs(truth.applied_torque) > truth.gain * np.array(limit)):
-                raise NotLinear("the drives cannot hold the arm there")
-            return _loop(scenario, env.interface, truth, actor, observation[0], state)
+    observation, state, error = _run(spec, scenario, point, seed)
+    with np.errstate(invalid="ignore", divide="ignore"):  # a state may be moved beyond its bounds
+        observation, state, truth = _rest(env, actor, seed, observation, state)
+        limit = scenario.actuator.torque_limit
+        if limit is not None and np.any(np.abs(truth.applied_torque) > truth.gain * np.array(limit)):
+            raise NotLinear("the drives cannot hold the arm there")
+        for _ in range(2):  # samples in which an agent decides
+            try:
+                return _loop(calm, env.interface, truth, actor, observation, state, error)
+            except NotLinear:
+                _, state = actor.predict(observation[None], state=state, deterministic=True)
+        return _loop(calm, env.interface, truth, actor, observation, state, error)
+
+
+def _without_jitter(scenario: Scenario) -> Scenario:
+    """Return the scenario with the mean of the jitter, to a physics step, in the drive's delay."""
+    drive, dt = scenario.actuator, scenario.physics_dt
+    if not (mean := round(0.5 * ends(drive.jitter)[1] / dt) * dt):
+        return scenario
+    delay: Any = drive.delay
+    if isinstance(delay, Distribution):
+        delay = Distribution(**{name: x and tuple(y + mean for y in x) for name, x in vars(delay).items()})
+    else:
+        delay = delay + mean
+    return scenario.replace(actuator=dataclasses.replace(drive, jitter=0.0, delay=delay))
+
+
+def _run(spec: PolicySpec, scenario: Scenario, point: Pair, seed: int) -> tuple[Array | None, Any, float]:
+    """Return observation [1 x size], state and root mean square error [rad] after an episode.
+
+    The episode ends at rest at a point. One that diverges leaves no observation and no state.
+    """
+    every = math.ceil(0.02 / scenario.control_dt)
+    motion = reference_motion(scenario, [seed])[0, ::every, 0]
+    share = np.minimum(np.linspace(0.0, 1.5, 75), 1.0)[:, None]
+    last = motion[-1] + (np.array(point) - motion[-1]) * share**3 * (10.0 - 15.0 * share + 6.0 * share**2)
+    rows, dt = np.concatenate([motion, last]), every * scenario.control_dt
+    reference = ArrayReference(position=tuple(map(tuple, rows)), dt=dt)
+    scenario = scenario.replace(reference=reference, duration=len(rows) * dt)
+    env, state, squares = make_env(spec, scenario, 1), None, []
+    actor, (observation, _) = spec.make(env), env.reset(seed=[seed])
+    for _ in range(scenario.steps - 1):
         action, state = actor.predict(observation, state=state, deterministic=True)
         observation, _, terminated, _, _ = env.step(action)
         if terminated[0]:
-            raise NotLinear("the arm diverges")
-    raise NotLinear(f"the arm does not come to rest within {SETTLING:g} s")
+            return None, None, 1e-3
+        squares.append((env.truth.reference - env.truth.position) ** 2)
+    return observation, state, float(np.sqrt(np.mean(squares)))
 
 
-def _calm(scenario: Scenario) -> Scenario:
+def _rest(env: Any, actor: Any, seed: int, last: Array | None, learned: Any) -> tuple[Array, Any, Truth]:
+    """Return observation [size], the policy's state and the true state at rest.
+
+    An arm that does not come to rest has the `last` observation and what is `learned`.
+    """
+    start, _ = env.reset(seed=[seed])
+    dt, held, observation, state = env.scenario.control_dt, env.truth, start, learned
+    for k in range(round(SETTLING / dt)):
+        action, state = actor.predict(observation, state=state, deterministic=True)
+        observation, _, terminated, _, _ = env.step(action)
+        if terminated[0]:
+            break
+        truth = env.truth if (k + 1) % round(1.0 / dt) == 0 else None
+        if truth and np.abs(truth.velocity).max() < 1e-6 > np.abs(truth.acceleration).max():
+            return observation[0], state, truth
+    return (start if last is None else last)[0], learned, held
+
+
+def _calm(scenario: Scenario, spec: PolicySpec) -> Scenario:
     """Return the scenario without noise, disturbance, dry friction, ripple and the like."""
-    encoder, drive = scenario.encoder, scenario.actuator
-    if ends(drive.jitter)[1] > 0.0:
-        raise NotLinear("the drive has jitter, which no fixed loop has: replace it by a part of the delay")
+    encoder, drive, error = scenario.encoder, scenario.actuator, scenario.parameter_error
     if encoder is not None:
         encoder = dataclasses.replace(encoder, counts=None, dropout=0.0)
-    error = scenario.parameter_error
     if error is not None and isinstance(error.payload, Payload):
         error = dataclasses.replace(error, payload=dataclasses.replace(error.payload, pick_up=0.0, drop=None))
     friction = None if scenario.friction is None else Friction(viscous=scenario.friction.viscous)
     calm = dict.fromkeys(("noise", "disturbance", "constraints"))
     # Small motions stay within the limits, but the steps of a difference quotient may not.
-    limit = None if drive.torque_limit is None else scaled(drive.torque_limit, 10.0)
+    # The actions of an agent are shares of the limits.
+    limit = drive.torque_limit
+    if limit is not None and spec.kind == "classical":
+        limit = scaled(limit, 10.0)
     drive = dataclasses.replace(drive, ripple=0.0, torque_limit=limit)
-    return scenario.replace(parameter_error=error, friction=friction, encoder=encoder, actuator=drive, **calm)
+    return scenario.replace(
+        parameter_error=error, friction=friction, encoder=encoder, actuator=drive, events=(), **calm
+    )
 
 
 def _loop(
-    scenario: Scenario, interface: Interface, truth: Truth, actor: Any, observation: Array, state: Any
+    scenario: Scenario, interface: Interface, truth: Truth, actor: Any, observation: Array, state: Any, error: float
 ) -> LinearLoop:
-    """Linearise at a true state, and at an observation [size] with the policy's state."""
+    """Linearise at a true state, and at an observation [size] with the policy's state.
+
+    Where the law has a kink, the point is beside it: of a reading by the `error` of a run [rad].
+    """
     layout, (motion, drive) = interface.layout, _motion(scenario, truth)
     encoder = scenario.encoder or Encoder()
     slots = {slot: np.arange(layout.size)[layout[slot]] for slot in MEASURED if slot in layout}
     entries = np.concatenate([*slots.values()])
     step, point = _law(actor, interface, observation, entries, state)
-    m, slope = len(entries), _derivative(step, point)
-    if _differ(_derivative(lambda points: step(points, later=1), point), slope):
+    m, smooth = len(entries), True
+    try:
+        slope = _derivative(step, point)
+    except Kink as kink:
+        beside = np.append(np.full(m, error), 2 * max(STEPS) * np.maximum(1.0, np.abs(point[m:])))
+        point, smooth = point + beside * kink.columns, False
+        slope = _derivative(step, point)
+    if not slope[:2].any():
+        raise NotLinear("the torque is constant, perhaps at its limit")
+    if _differ(_derivative(lambda points: step(points, later=1), point), slope).any():
         raise NotLinear("the law changes from sample to sample")
     loop = LinearLoop(
         control_dt=scenario.control_dt,
@@ -305,19 +384,24 @@ def _loop(
         readings={slot: len(places) for slot, places in slots.items()},
         action_scale=np.array(interface.torque_limit) if interface.action == "normalized" else np.ones(2),
     )
-    _check_motion(loop, step, point, slope)
+    if smooth:
+        _check_motion(loop, step, point, slope)
     return loop
 
 
 def _motion(scenario: Scenario, truth: Truth) -> tuple[Array, Array]:
     """Return the derivatives of the state's rate by the state and by the drives' torque.
 
-    A tooth that is pressed stays pressed.
+    The torque holds the arm. A tooth that is pressed stays pressed.
     """
     arm, gap = TrueArm(truth, scenario, scenario.arm.gravity), 0.5 * truth.backlash
-    if arm.elastic and np.any(np.abs(truth.motor_position - truth.position) < gap + 2 * max(STEPS)):
+    stretch = np.abs(truth.motor_position - truth.position)
+    if arm.elastic and np.any((gap > 0.0) & (stretch < gap + 2 * max(STEPS))):
         raise NotLinear("a joint is within the gap of its backlash, where motor and link do not touch")
-    slope = arm.slope(arm.state)[0]
+    state = arm.state
+    by_torque = arm.slope(state)[0, :, -2:]
+    state[0, -2:] -= np.linalg.lstsq(by_torque, arm.rates(state[:, :-2], state[:, -2:])[0], rcond=None)[0]
+    slope = arm.slope(state)[0]
     return slope[:, :-2], slope[:, -2:]
 
 
@@ -386,19 +470,26 @@ def _derivative(function: Callable[[Array], Array], point: Array) -> Array:
     steps = [step * np.maximum(1.0, np.abs(point)) for step in STEPS]
     moved = [point + sign * np.diag(step) for step in steps for sign in (1.0, -1.0)]
     values = function(np.concatenate([point[None], *moved]))
+    if not np.isfinite(values).all():
+        raise NotLinear("the law's numbers are not finite near this point")
     centre, (up, down, fine_up, fine_down) = values[0], np.split(values[1:], 4)
     coarse, slope = (up - down).T / (2.0 * steps[0]), (fine_up - fine_down).T / (2.0 * steps[1])
     # The slopes of both sides differ in proportion to the step, or there is a kink.
     gap, fine_gap = (up + down - 2.0 * centre).T / steps[0], (fine_up + fine_down - 2.0 * centre).T / steps[1]
-    if _differ(coarse, slope) or _differ(slope + fine_gap, slope, 0.3 * np.abs(gap)):
-        raise NotLinear("the law has no derivative at this point")
+    wrong = _differ(coarse, slope) | _differ(slope + fine_gap, slope, 0.3 * np.abs(gap))
+    if wrong.any():
+        # At a jump, the quotients grow as the steps shrink.
+        jumps = np.abs(slope) + np.abs(fine_gap) > 0.5 * STEPS[0] / STEPS[1] * (np.abs(coarse) + np.abs(gap))
+        if (wrong & jumps).any():
+            raise NotLinear("the law jumps at this point")
+        raise Kink(np.any(wrong, axis=0))
     return slope
 
 
-def _differ(one: Array, other: Array, allowed: Array | float = 0.0) -> bool:
-    """Return True if two derivatives differ by more than is allowed and their rounding."""
+def _differ(one: Array, other: Array, allowed: Array | float = 0.0) -> NDArray[np.bool_]:
+    """Return True where two derivatives differ by more than is allowed and their rounding."""
     rounding = 1e-3 * np.abs(other) + 1e-5 * np.abs(other).max(axis=1, keepdims=True)
-    return bool(np.any(np.abs(one - other) > allowed + rounding))
+    return np.abs(one - other) > allowed + rounding
 
 
 def _minimal(a: Array, b: Array, c: Array) -> tuple[Array, Array, Array]:
