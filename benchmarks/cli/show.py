@@ -118,7 +118,7 @@ def follows(scenario: Scenario) -> dict[str, str]:
     samples = 0.5 + middle(drive.delay_samples)
     samples += 0.0 if encoder is None else encoder.latency + 0.5 * (encoder.difference or 0)
     dead = samples * scenario.control_dt + middle(drive.delay) + 0.5 * ends(drive.jitter)[1] + middle(drive.lag)
-    delays = dict.fromkeys(f"{1e3 * delay:.3g}" for delay in drive.datasheet(scenario)["delay"])
+    delays = dict.fromkeys(f"{1e3 * delay:.3g}" for delay in drive.facts(scenario)["delay"])
     facts = {
         "class of robots, of @tuned": scenario.robot_class,
         "most like": Likeness.of(scenario).text.removeprefix("class: "),

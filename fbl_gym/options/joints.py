@@ -15,14 +15,14 @@ flexible elements", Springer Handbook of Robotics, chapter 11).
 """
 
 from dataclasses import dataclass
-from typing import Any, Literal
+from typing import Any, ClassVar, Literal
 
 from fbl_gym.records.checks import Pair
-from fbl_gym.records.record import Numbers, Record, choice, ends, pair
+from fbl_gym.records.record import Numbers, Option, choice, ends, pair
 
 
 @dataclass(frozen=True)
-class ElasticJoint(Record):
+class ElasticJoint(Option):
     """Joints with a spring between motor and link.
 
     Args:
@@ -34,11 +34,13 @@ class ElasticJoint(Record):
         encoder: the side on which position and velocity are measured.
     """
 
-    stiffness: Numbers = pair(unit="N m/rad", varies=True, above=0)
-    damping: Numbers = pair(0.0, unit="N m s/rad", varies=True, low=0)
+    stiffness: Numbers = pair(unit="N m/rad", varies=True, above=0, kernel="stiffness")
+    damping: Numbers = pair(0.0, unit="N m s/rad", varies=True, low=0, kernel="damping")
     rotor_inertia: Pair | float | None = pair(None, unit="kg m^2", above=0)
-    backlash: Numbers = pair(0.0, unit="rad", varies=True, low=0)
+    backlash: Numbers = pair(0.0, unit="rad", varies=True, low=0, kernel="backlash")
     encoder: Literal["motor", "link"] = choice("motor", ("motor", "link"))
+
+    derived: ClassVar = {"elastic": bool, "encoder_on_motor": bool}
 
     def check(self, scenario: Any) -> None:
         """Refuse joints without rotors, or too stiff for the physics step."""
@@ -47,12 +49,10 @@ class ElasticJoint(Record):
         scenario.check_springs()
 
     def pack(self, packer: Any) -> None:
-        """Write springs, rotors and the encoders' side."""
+        """Write the encoders' side."""
         packer.settings["elastic"], packer.settings["encoder_on_motor"] = True, self.encoder == "motor"
-        for name in ("stiffness", "damping", "backlash"):
-            packer.vary(name, getattr(self, name), f"joint.{name}")
 
-    def datasheet(self, scenario: Any) -> dict[str, Any]:
+    def facts(self, scenario: Any) -> dict[str, Any]:
         """Return what policies know of the joints, as fields of `Interface`."""
         return {
             "stiffness": tuple(zip(*map(ends, self.stiffness), strict=True)),  # type: ignore[arg-type]

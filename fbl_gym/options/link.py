@@ -16,21 +16,21 @@ one, far from straight. If the joints turn too fast for a balance, it is that at
 """
 
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 
 from fbl_gym.model.arm import ArmParameters, Array, inertia_matrix
 from fbl_gym.model.chain import chain_dynamics, segment_terms
 from fbl_gym.records.checks import Pair
-from fbl_gym.records.record import Numbers, Record, ends, pair
+from fbl_gym.records.record import Numbers, Option, ends, pair
 
 MOST_SAG = 0.5
 """Largest bend of the links of a horizontal arm under its weight, without payload [rad]."""
 
 
 @dataclass(frozen=True)
-class FlexibleLink(Record):
+class FlexibleLink(Option):
     """Links that bend, with the encoders at their joints.
 
     Args:
@@ -40,8 +40,10 @@ class FlexibleLink(Record):
         damping: damping ratio of each hinge.
     """
 
-    frequency: Numbers = pair(unit="Hz", varies=True, above=0, high=1e4)
-    damping: Pair | float = pair(0.1, low=0)
+    frequency: Numbers = pair(unit="Hz", varies=True, above=0, high=1e4, kernel="bend_rate", scale=2 * np.pi)
+    damping: Pair | float = pair(0.1, low=0, kernel="bend_damping")
+
+    derived: ClassVar = {"flexible": bool, "beyond": (float, 2)}
 
     def check(self, scenario: Any) -> None:
         """Refuse links too soft for their weight, or too fast for the physics step."""
@@ -54,11 +56,9 @@ class FlexibleLink(Record):
         scenario.check_springs()
 
     def pack(self, packer: Any) -> None:
-        """Write frequencies, damping, and the inertia that they refer to."""
-        settings = packer.settings
-        settings["flexible"], settings["bend_damping"] = True, self.damping
-        settings["beyond"] = np.diag(straight_chain(packer.scenario.arm, 0.0)[0])[2:]
-        packer.vary("bend_rate", self.frequency, "link.frequency", scale=2 * np.pi)
+        """Write the inertia that turns on the hinges of a straight nominal arm [kg m^2]."""
+        packer.settings["flexible"] = True
+        packer.settings["beyond"] = np.diag(straight_chain(packer.scenario.arm, 0.0)[0])[2:]
 
     def springs(self, arm: ArmParameters, rate: Array) -> tuple[Array, Array]:
         """Return k [N m/rad] and d [N m s/rad] of the hinges of a nominal arm.

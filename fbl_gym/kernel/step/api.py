@@ -8,7 +8,6 @@ from fbl_gym.kernel.arm.physics import acceleration_and_friction, advance_by_law
 from fbl_gym.kernel.maths.fastmath import cached_njit, inline_njit, kernel_njit, merged_njit, named
 from fbl_gym.kernel.memory.layout import (
     BLOCK,
-    BLOCK_SIZE,
     ENDED,
     LANES,
     NEXT_STEP,
@@ -37,10 +36,10 @@ def _count(settings, number):
 @merged_njit
 def _views(memory, settings, number):
     """Return a block, the same memory as rows, its last torque commands, and its way-points."""
-    index, depth = settings.blocks + number * settings.block_size, settings.delay_steps + 1
+    index = settings.blocks + number * settings.block_size
     rows = array_at(memory, index, (settings.block_size // LANES, LANES), np.float64)
-    queue = array_at(memory, index + BLOCK_SIZE, (depth, 3, LANES), np.float64)
-    waypoints = array_at(memory, index + BLOCK_SIZE + 3 * LANES * depth, (settings.waypoints, 2, LANES), np.float64)
+    queue = array_at(memory, index + LANES * settings.queue_row, (settings.delay_steps + 1, 3, LANES), np.float64)
+    waypoints = array_at(memory, index + LANES * settings.waypoint_row, (settings.waypoints, 2, LANES), np.float64)
     return record_at(memory, index, BLOCK), rows, queue, waypoints
 
 
