@@ -53,12 +53,12 @@ def doubts(scenario: Scenario) -> Iterator[str]:
         if share.max() > 100.0:
             yield f"its motion needs {_both(share, '%')} of actuator.torque_limit, which is in N m"
     if scenario.joint is not None and (rate := modes(scenario)[0]) < SLOWEST:
-        yield f"its links vibrate at {rate:.3g} Hz; joint.stiffness is in N m/rad"
+        yield f"its links vibrate at {rate:.3g} Hz; joint.stiffness is in N m/rad, joint.frequency in Hz"
 
 
 def modes(scenario: Scenario) -> Array:
     """Return the rates at which the stretched links vibrate while the motors are held, [2] Hz."""
-    stiffness = np.array([middle(k) for k in scenario.joint.stiffness])  # type: ignore[union-attr]
+    stiffness = scenario.joint.springs(scenario.arm, middle)  # type: ignore[union-attr]
     return _vibrations(inertia_matrix(scenario.arm.lumped, (0.0, 0.0)), stiffness)
 
 
@@ -128,6 +128,11 @@ def follows(scenario: Scenario) -> dict[str, str]:
         "dead time": f"{1e3 * dead:.3g} ms",
     }
     if joint is not None:
+        stiffness = joint.springs(arm, middle)
+        facts["stiffness of the joints"] = _both(stiffness, "N m/rad")
+        facts["frequency of each joint alone, stretched, motor held"] = _both(
+            np.sqrt(stiffness / np.diag(stretched)) / (2 * np.pi), "Hz"
+        )
         facts["modes of the stretched links, motors held"] = _both(modes(scenario), "Hz")
     if scenario.link is not None:
         facts["modes of the links, joints held"] = _both(link_modes(scenario), "Hz")

@@ -21,7 +21,7 @@ from benchmarks.run.runner import run as run_cells
 from benchmarks.run.store import Result, Store
 from benchmarks.seeds import SPLITS
 from fbl_gym import Scenario, scenarios
-from fbl_gym.model.arm import inertia_matrix
+from fbl_gym.model.arm import stretched_inertia
 from fbl_gym.records.record import ends as ends_of
 from fbl_gym.records.record import scaled
 from fbl_gym.scenarios.classes import CLASSES
@@ -43,15 +43,11 @@ def axes(robot: str) -> dict[str, dict[float, Scenario]]:
     friction, drive, error = nominal.friction, nominal.actuator, nominal.parameter_error
     assert friction is not None
     assert error is not None
-    inertia = inertia_matrix(nominal.arm.lumped, (0.0, 0.0)).diagonal()
 
     def springy(frequency: float, encoder: str) -> Scenario:
         """Return springs; each stretched joint vibrates at a frequency [Hz] on a held motor."""
-        stiffness = tuple(inertia * (2 * np.pi * frequency) ** 2)
-        joint = {
-            "stiffness": stiffness, "damping": tuple(0.04 * np.sqrt(stiffness * inertia)), "encoder": encoder,
-            "rotor_inertia": nominal.rotor,
-        }  # fmt: skip
+        damping = tuple(0.04 * stretched_inertia(nominal.arm) * 2 * np.pi * frequency)
+        joint = {"frequency": frequency, "damping": damping, "encoder": encoder, "rotor_inertia": nominal.rotor}
         return nominal.replace(joint=joint, physics_dt=1e-4)
 
     late, link, stiffnesses = ends_of(drive.delay)[1], nominal.arm.m2, (40, 20, 12, 8, 5, 4, 3, 2)

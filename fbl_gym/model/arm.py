@@ -202,6 +202,12 @@ def lumped_terms(m1, m2, L1, L2, gravity, centre, inertia):
     return p1, p2, p3, p4, p5
 
 
+def stretched_inertia(arm: ArmParameters) -> Array:
+    """Return the inertia of the stretched links about each joint [2] kg m^2, without rotors."""
+    p1, p2, p3, _, _ = arm.lumped
+    return np.array([p1 + p2 + 2 * p3, p2])
+
+
 def inertia_terms(p1, p2, p3, r1, r2, c2):
     """Return M11, M12 = M21 and M22 of equation (2), with the rotors [kg m^2]."""
     m12 = p2 + p3 * c2

@@ -79,14 +79,17 @@ def straight_chain(arm: ArmParameters, q2: float) -> tuple[Array, Array]:
     return chain_dynamics(segments, (arm.L1, arm.L2), arm.gravity, np.array([0.0, q2]), zero, zero, zero)
 
 
-def fastest_rate(arm: ArmParameters, rotor: Pair, viscous: Pair, joint: Any, link: Any) -> float:
+def fastest_rate(
+    arm: ArmParameters, nominal: ArmParameters, rotor: Pair, viscous: Pair, joint: Any, link: Any
+) -> float:
     """Return the largest eigenvalue of an arm's linear motion about any posture at rest [1/s].
 
-    Of numbers that vary, the largest value counts. `viscous` is the friction of the motors.
+    Of numbers that vary, the largest value counts. Frequencies refer to the nominal arm. `viscous`
+    is the friction of the motors.
     """
 
-    def largest(numbers: Any) -> Array:
-        return np.array([ends(x)[1] for x in numbers])
+    def top(x: Any) -> float:
+        return ends(x)[1]
 
     rates = []
     for q2 in (0.0, np.pi / 2, np.pi):  # the inertia is linear in cos q2
@@ -97,9 +100,9 @@ def fastest_rate(arm: ArmParameters, rotor: Pair, viscous: Pair, joint: Any, lin
         mass[motors, motors] += np.diag(rotor)
         springs = [(axes[motors], np.zeros(2), np.array(viscous))]  # what they stretch, stiffness, damping
         if link is not None:
-            springs.append((axes[2:4], *link.springs(arm, 2 * np.pi * largest(link.frequency))))
+            springs.append((axes[2:4], *link.springs(nominal, 2 * np.pi * np.array([*map(top, link.frequency)]))))
         if joint is not None:
-            springs.append((axes[motors] - axes[:2], largest(joint.stiffness), largest(joint.damping)))
+            springs.append((axes[motors] - axes[:2], joint.springs(nominal, top), np.array([*map(top, joint.damping)])))
         stiffness, damping = (sum(x[0].T * x[i] @ x[0] for x in springs) for i in (1, 2))
         slope = np.linalg.solve(mass, -np.hstack([stiffness, damping]))
         rates.append(np.abs(np.linalg.eigvals(np.vstack([np.eye(n, 2 * n, k=n), slope]))).max())

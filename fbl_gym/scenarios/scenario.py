@@ -165,9 +165,12 @@ class Scenario(Option):
     def check_springs(self) -> None:
         """Refuse elastic joints or links that bend too fast for the physics step."""
         # The lightest links are the fastest. Lengths may act either way.
-        options = self.least_rotor, self.most_viscous, self.joint, self.link
+        options = self.arm, self.least_rotor, self.most_viscous, self.joint, self.link
         rate = max(fastest_rate(arm, *options) for arm in self.lightest)
-        joints, links = "these joints (joint.stiffness, joint.damping)", "these links (link.frequency, link.damping)"
+        joints, links = (
+            "these joints (joint.stiffness, frequency, damping)",
+            "these links (link.frequency, link.damping)",
+        )
         self.check_rate(joints if self.link is None else links, rate, LARGEST_STEP)
 
     def check_rate(self, cause: str, rate: float, most: float) -> None:

@@ -152,14 +152,9 @@ _FIELDS: dict[str, Any] = {
 BLOCK = np.dtype(
     [(name, np.dtype(kind).base, (*np.dtype(kind).shape, LANES)) for name, kind in _FIELDS.items()], align=True
 )
-INSTANT = np.dtype(
-    [
-        ("time", np.float64),  # [s]
-        ("acceleration", np.float64, 2),  # [rad/s^2]
-        ("friction_torque", np.float64, 2),  # [N m]
-    ]
-)
-"""What `api.inspect` computes of a lane at an instant; the rest of the truth is in the blocks."""
+
+INSTANT = np.dtype([("time", float), ("acceleration", float, 2), ("friction_torque", float, 2)])
+"""What `api.inspect` computes of a lane [s], [rad/s^2], [N m]; blocks have the rest of it."""
 
 SETTINGS_SIZE = SETTINGS.itemsize // 8
 BLOCK_SIZE = BLOCK.itemsize // 8

@@ -76,16 +76,6 @@ def _check(memory):
 
 
 @merged_njit
-def _move(block, rows, queue, waypoints, settings, tables, actions, count, width, real, rare, advance, accelerate):
-    """Advance a block by one control step."""
-    command(block, rows, queue, settings, actions, count)
-    for substep in range(settings.substeps):
-        _load(block, rows, queue, settings, tables, width, substep, real, rare)
-        advance(block, settings, width)
-    _end(block, rows, waypoints, settings, tables, width, real, rare, accelerate)
-
-
-@merged_njit
 def _load(block, rows, queue, settings, tables, width, substep, real, rare):
     """Apply events, and set torques and payload of a block, for one physics step."""
     if rare and settings.events > 0:
@@ -175,10 +165,11 @@ def _compile_step(real, rare, advance, accelerate):
             # Few lanes pay for half a block, which is a vector too; one lane pays for itself.
             width = 1 if count == 1 else (LANES // 2 if count <= LANES // 2 else LANES)
             if moves:
-                actions = _actions(memory, settings, number, count)
-                _move(
-                    block, rows, queue, waypoints, settings, tables, actions, count, width, real, rare, advance, accelerate
-                )  # fmt: skip
+                command(block, rows, queue, settings, _actions(memory, settings, number, count), count)
+                for substep in range(settings.substeps):
+                    _load(block, rows, queue, settings, tables, width, substep, real, rare)
+                    advance(block, settings, width)
+                _end(block, rows, waypoints, settings, tables, width, real, rare, accelerate)
                 _report(block, rows, waypoints, settings, tables, memory, first, count)
             restarts = 0
             for lane in range(width):
@@ -190,7 +181,7 @@ def _compile_step(real, rare, advance, accelerate):
                         if real:
                             start_disturbance(block, settings, tables, lane)
                         if rare and settings.elastic:
-                            start_motors(block, lane)
+                            start_motors(block, settings, lane)
                         if rare and settings.flexible:
                             start_bends(block, settings, lane)
             if restarts > 0 or not moves:
