@@ -58,7 +58,7 @@ def doubts(scenario: Scenario) -> Iterator[str]:
 
 def modes(scenario: Scenario) -> Array:
     """Return the rates at which the stretched links vibrate while the motors are held, [2] Hz."""
-    stiffness = scenario.joint.springs(scenario.arm, middle)  # type: ignore[union-attr]
+    stiffness, _ = scenario.joint.springs(scenario.arm, middle)  # type: ignore[union-attr]
     return _vibrations(inertia_matrix(scenario.arm.lumped, (0.0, 0.0)), stiffness)
 
 
@@ -128,11 +128,9 @@ def follows(scenario: Scenario) -> dict[str, str]:
         "dead time": f"{1e3 * dead:.3g} ms",
     }
     if joint is not None:
-        stiffness = joint.springs(arm, middle)
+        stiffness, rates = joint.springs(arm, middle)
         facts["stiffness of the joints"] = _both(stiffness, "N m/rad")
-        facts["frequency of each joint alone, stretched, motor held"] = _both(
-            np.sqrt(stiffness / np.diag(stretched)) / (2 * np.pi), "Hz"
-        )
+        facts["frequency of each stretched joint alone, motor held"] = _both(rates, "Hz")
         facts["modes of the stretched links, motors held"] = _both(modes(scenario), "Hz")
     if scenario.link is not None:
         facts["modes of the links, joints held"] = _both(link_modes(scenario), "Hz")

@@ -83,15 +83,13 @@ class Likeness:
     @classmethod
     def of(cls, base: Scenario) -> "Likeness":
         """Return the likeness of a scenario's arm."""
-        inertia = stretched_inertia(base.arm)
         fast, friction, joint = ("servo", "direct"), base.friction, base.joint
         sides: tuple[str, ...] = fast
         reasons = [f"{1 / base.control_dt:.0f} Hz"]
         if joint is None:
             reasons.append("rigid joints")
         else:
-            stiffness = joint.springs(base.arm, lambda k: ends(k)[0])
-            rate = float(np.sqrt(stiffness / inertia).min() / (2 * np.pi))
+            rate = joint.springs(base.arm, lambda k: ends(k)[0])[1].min()
             sides = fast if rate > SPRINGY else ("geared",) if joint.encoder == "motor" else ("servo",)
             reasons.append(f"springs of {rate:.2g} Hz with encoders on the {joint.encoder}s")
         reasons += ["links that bend"] if base.link is not None else []

@@ -79,16 +79,21 @@ class ElasticJoint(Option):
         if self.frequency is not None:
             packer.settings["stretched_inertia"] = stretched_inertia(packer.scenario.arm)
 
-    def springs(self, arm: ArmParameters, of: Callable[[Any], float]) -> Array:
-        """Return the stiffness [2] N m/rad on a nominal arm, where `of` picks from what varies."""
-        given = np.array([*map(of, self.frequency or self.stiffness)])  # type: ignore[arg-type]
-        return given if self.frequency is None else stretched_inertia(arm) * (2 * np.pi * given) ** 2
+    def springs(self, arm: ArmParameters, of: Callable[[Any], float]) -> tuple[Array, Array]:
+        """Return stiffness [2] N m/rad and frequency [2] Hz, where `of` picks from what varies.
+
+        `arm` is the nominal one.
+        """
+        given, inertia = np.array([*map(of, self.frequency or self.stiffness)]), stretched_inertia(arm)  # type: ignore[arg-type]
+        if self.frequency is None:
+            return given, np.sqrt(given / inertia) / (2 * np.pi)
+        return inertia * (2 * np.pi * given) ** 2, given
 
     def facts(self, scenario: Any) -> dict[str, Any]:
         """Return what policies know of the joints, as fields of `Interface`."""
-        low, high = (self.springs(scenario.arm, of).tolist() for of in (lambda k: ends(k)[0], lambda k: ends(k)[1]))
+        both = (self.springs(scenario.arm, of)[0] for of in (lambda k: ends(k)[0], lambda k: ends(k)[1]))
         return {
-            "stiffness": (tuple(low), tuple(high)),
+            "stiffness": tuple(tuple(end.tolist()) for end in both),
             "damping": tuple(zip(*map(ends, self.damping), strict=True)),  # type: ignore[arg-type]
             "backlash": tuple(ends(width)[1] for width in self.backlash),  # type: ignore[union-attr]
             "rotor_inertia": scenario.rotor,

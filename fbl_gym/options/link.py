@@ -102,7 +102,9 @@ def fastest_rate(
         if link is not None:
             springs.append((axes[2:4], *link.springs(nominal, 2 * np.pi * np.array([*map(top, link.frequency)]))))
         if joint is not None:
-            springs.append((axes[motors] - axes[:2], joint.springs(nominal, top), np.array([*map(top, joint.damping)])))
+            springs.append(
+                (axes[motors] - axes[:2], joint.springs(nominal, top)[0], np.array([*map(top, joint.damping)]))
+            )
         stiffness, damping = (sum(x[0].T * x[i] @ x[0] for x in springs) for i in (1, 2))
         slope = np.linalg.solve(mass, -np.hstack([stiffness, damping]))
         rates.append(np.abs(np.linalg.eigvals(np.vstack([np.eye(n, 2 * n, k=n), slope]))).max())

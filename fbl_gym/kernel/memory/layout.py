@@ -117,8 +117,7 @@ for _option in (*_options(Scenario), *_options(Reward)):
     _FIXED |= _option.derived
 
 VARIED = np.dtype([*_DRAWN.items()])
-"""The numbers that may differ between episodes. The settings have their fixed values under the name
-`varied`; a block has a row for each, filled when an episode starts."""
+"""The numbers that may differ between episodes: each episode fills their rows of a block."""
 
 _COUNTS = (
     "draws", "draw_table", "events", "event_table", "queue_row", "waypoint_row", "past_row", "history_row", "event_row",

@@ -73,7 +73,8 @@ def make_program(
     settings["event_table"] = packer.table(EVENTS.index(type(event)) for event in scenario.events)
     settings["varied"], settings["draws"] = packer.fixed, len(packer.draws)
     settings["draw_table"] = packer.table(number for draw in packer.draws for number in draw)
-    interface = _make_interface(scenario, action, settings, check_whole("preview", preview, high=100_000))
+    settings["preview"] = check_whole("preview", preview, high=100_000)
+    interface = _make_interface(scenario, action, settings)
     settings["action_kind"], settings["action_limit"] = ACTIONS.index(action), interface.action_limit
     settings["last_step"] = min(scenario.steps, max_episode_steps or scenario.steps)
     settings["autoreset"] = autoreset
@@ -171,7 +172,7 @@ class _Packer:
         self.draws.append((row, joint, kind, first, second, *divmod(int(stream_key(path)), 2**32)))
 
 
-def _make_interface(scenario: Scenario, action: str, settings: Settings, preview: int) -> Interface:
+def _make_interface(scenario: Scenario, action: str, settings: Settings) -> Interface:
     """Return the interface of a scenario; check that its action is possible."""
     check_choice("action", action, ACTIONS)
     limits, limit = scenario.limits, scenario.actuator.torque_limit
@@ -190,7 +191,7 @@ def _make_interface(scenario: Scenario, action: str, settings: Settings, preview
                 f"action='acceleration' linearises with the measured velocity, but sensors={scenario.sensors} has none"
             )
         bound, unit = (limits.command,) * 2, "rad/s^2"
-    layout = make_layout(scenario.sensors, limits, bound, unit, int(settings["past_actions"]), preview)
+    layout = make_layout(scenario.sensors, limits, bound, unit, int(settings["past_actions"]), int(settings["preview"]))
     datasheet: dict[str, Any] = {}
     for option in scenario.options:
         datasheet |= option.facts(scenario)
@@ -203,16 +204,8 @@ def _make_interface(scenario: Scenario, action: str, settings: Settings, preview
 
 
 def _pack_observation(settings: Settings, interface: Interface) -> None:
-    layout, bounds = interface.layout, interface.layout.bounds[1]
-    settings["observation_size"] = layout.size
-    rows: list[int] = []
-    for slot in layout.slots:
-        if slot.name == "preview":
-            settings["preview"] = slot.size // 6
-        elif slot.name in SENSORS:
-            rows += memory.rows("measured")[2 * SENSORS.index(slot.name) :][:2]
-        elif slot.name != "previous_actions":
-            rows += memory.rows(slot.name)
-    settings["observed"] = len(rows)
-    settings["observed_row"][: len(rows)] = rows
-    settings["observed_bound"][: len(rows)] = bounds[: len(rows)]
+    layout, measured = interface.layout, dict(zip(SENSORS, np.reshape(memory.rows("measured"), (3, 2)), strict=True))
+    names = [slot.name for slot in layout.slots if slot.name not in ("previous_actions", "preview")]
+    rows = np.concatenate([measured.get(name, memory.rows(name)) for name in names])
+    settings["observation_size"], settings["observed"] = layout.size, len(rows)
+    settings["observed_row"][: len(rows)], settings["observed_bound"][: len(rows)] = rows, layout.bounds[1][: len(rows)]

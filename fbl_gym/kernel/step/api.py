@@ -146,7 +146,7 @@ def _compile_step(real, rare, advance, accelerate):
         Nothing moves if `_check` finds a problem.
 
         Args:
-            memory: of the batch, see `memory.py`.
+            memory: of the batch, see `layout.py`.
             out: takes the observations [lanes * size].
             moves: False: no lane moves, but episodes start and readings are taken.
 
@@ -199,7 +199,7 @@ def inspect(memory, out):
     """Write the truth of each lane that the blocks do not have.
 
     Args:
-        memory: of the batch, see `memory.py`.
+        memory: of the batch, see `layout.py`.
         out: takes it, records of the type `INSTANT` [lanes].
     """
     settings = record_at(memory, 0, SETTINGS)
@@ -227,7 +227,7 @@ def load(memory, substep):
     step(memory, out, False).
 
     Args:
-        memory: of the batch, see `memory.py`.
+        memory: of the batch, see `layout.py`.
         substep: number of the physics step within the control step. 0 takes the actions first.
 
     Returns:
