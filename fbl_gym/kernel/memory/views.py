@@ -45,7 +45,7 @@ def array_at(_context, memory, _index, shape, dtype):
 
 
 @inline_njit
-def both(numbers):
+def pair_of(numbers):
     """Return both joints' numbers of a setting."""
     return numbers[0], numbers[1]
 

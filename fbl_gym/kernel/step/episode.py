@@ -16,7 +16,7 @@ from fbl_gym.kernel.memory.layout import (
     STEPS,
     TORQUE,
 )
-from fbl_gym.kernel.memory.views import both, pair, put
+from fbl_gym.kernel.memory.views import pair, pair_of, put
 from fbl_gym.kernel.step.motion import draw_reference, reference, store_reference
 from fbl_gym.kernel.step.torque import nominal_torque, ripple_of
 
@@ -157,7 +157,8 @@ def judge(block, settings, width):
     has numbers that are not finite. It is truncated when its time is up. It can be both.
     """
     # Stores to the block keep the compiler from moving these out of the loop.
-    constraints = both(settings.constraint_low), both(settings.constraint_high), both(settings.constraint_velocity)
+    low, high = pair_of(settings.constraint_low), pair_of(settings.constraint_high)
+    constraints = low, high, pair_of(settings.constraint_velocity)
     limits, ends = (settings.max_position, settings.max_velocity), settings.violation_ends
     form = settings.reward_logarithmic, settings.reward_scale, settings.reward_norm
     (limit1, limit2), (weight1, weight2, weight3) = settings.torque_limit, settings.reward_weights

@@ -14,7 +14,7 @@ from fbl_gym.kernel.memory.layout import (
     PULSES,
     SINE,
 )
-from fbl_gym.kernel.memory.views import both, pair, put
+from fbl_gym.kernel.memory.views import pair, pair_of, put
 
 _STREAM = stream_key("disturbance")
 _JITTER = stream_key("jitter")
@@ -28,7 +28,7 @@ def command(block, rows, queue, settings, actions, count):
         for lane in range(count):
             block.action[joint, lane] = clip(actions[lane, joint], settings.action_limit[joint])
     _keep_past(block, rows, queue, settings, count)
-    limit1, limit2 = both(settings.torque_limit)
+    limit1, limit2 = pair_of(settings.torque_limit)
     for lane in range(count):
         tau1, tau2 = _asked_torque(block, settings, lane)
         tau1, tau2 = clip(tau1, limit1), clip(tau2, limit2)
