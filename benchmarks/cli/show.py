@@ -53,12 +53,12 @@ def doubts(scenario: Scenario) -> Iterator[str]:
         if share.max() > 100.0:
             yield f"its motion needs {_both(share, '%')} of actuator.torque_limit, which is in N m"
     if scenario.joint is not None and (rate := modes(scenario)[0]) < SLOWEST:
-        yield f"its links vibrate at {rate:.3g} Hz; joint.stiffness is in N m/rad"
+        yield f"its links vibrate at {rate:.3g} Hz; joint.stiffness is in N m/rad, joint.frequency in Hz"
 
 
 def modes(scenario: Scenario) -> Array:
     """Return the rates at which the stretched links vibrate while the motors are held, [2] Hz."""
-    stiffness = np.array([middle(k) for k in scenario.joint.stiffness])  # type: ignore[union-attr]
+    stiffness, _ = scenario.joint.springs(scenario.arm, middle)  # type: ignore[union-attr]
     return _vibrations(inertia_matrix(scenario.arm.lumped, (0.0, 0.0)), stiffness)
 
 
@@ -118,7 +118,7 @@ def follows(scenario: Scenario) -> dict[str, str]:
     samples = 0.5 + middle(drive.delay_samples)
     samples += 0.0 if encoder is None else encoder.latency + 0.5 * (encoder.difference or 0)
     dead = samples * scenario.control_dt + middle(drive.delay) + 0.5 * ends(drive.jitter)[1] + middle(drive.lag)
-    delays = dict.fromkeys(f"{1e3 * delay:.3g}" for delay in drive.datasheet(scenario)["delay"])
+    delays = dict.fromkeys(f"{1e3 * delay:.3g}" for delay in drive.facts(scenario)["delay"])
     facts = {
         "class of robots, of @tuned": scenario.robot_class,
         "most like": Likeness.of(scenario).text.removeprefix("class: "),
@@ -128,6 +128,9 @@ def follows(scenario: Scenario) -> dict[str, str]:
         "dead time": f"{1e3 * dead:.3g} ms",
     }
     if joint is not None:
+        stiffness, rates = joint.springs(arm, middle)
+        facts["stiffness of the joints"] = _both(stiffness, "N m/rad")
+        facts["frequency of each stretched joint alone, motor held"] = _both(rates, "Hz")
         facts["modes of the stretched links, motors held"] = _both(modes(scenario), "Hz")
     if scenario.link is not None:
         facts["modes of the links, joints held"] = _both(link_modes(scenario), "Hz")

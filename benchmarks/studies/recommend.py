@@ -23,11 +23,11 @@ from benchmarks.run.rollout import reference_motion
 from benchmarks.run.store import Result
 from benchmarks.run.suite import Suite
 from benchmarks.seeds import SPLITS
-from fbl_gym.model.arm import ArmParameters, Array, gravity_torque, inverse_dynamics
+from fbl_gym.model.arm import ArmParameters, Array, gravity_torque, inverse_dynamics, stretched_inertia
 from fbl_gym.options import Friction, PiecewiseConstantDisturbance, SensorError
 from fbl_gym.records.record import Distribution, ends, scaled
 from fbl_gym.scenarios import Scenario
-from fbl_gym.scenarios.classes import CLASSES, LEAST, conditions, stretched_inertia
+from fbl_gym.scenarios.classes import CLASSES, LEAST, conditions
 
 Run = Callable[[Sequence[Cell]], Mapping[str, Result]]
 """Runs cells and returns their results by id. A failed one has an error."""
@@ -83,15 +83,13 @@ class Likeness:
     @classmethod
     def of(cls, base: Scenario) -> "Likeness":
         """Return the likeness of a scenario's arm."""
-        inertia = stretched_inertia(base.arm)
         fast, friction, joint = ("servo", "direct"), base.friction, base.joint
         sides: tuple[str, ...] = fast
         reasons = [f"{1 / base.control_dt:.0f} Hz"]
         if joint is None:
             reasons.append("rigid joints")
         else:
-            stiffness = np.array([ends(k)[0] for k in joint.stiffness])  # type: ignore[union-attr]
-            rate = float(np.sqrt(stiffness / inertia).min() / (2 * np.pi))
+            rate = joint.springs(base.arm, lambda k: ends(k)[0])[1].min()
             sides = fast if rate > SPRINGY else ("geared",) if joint.encoder == "motor" else ("servo",)
             reasons.append(f"springs of {rate:.2g} Hz with encoders on the {joint.encoder}s")
         reasons += ["links that bend"] if base.link is not None else []
@@ -166,10 +164,11 @@ def push(base: Scenario, kind: str, factor: float, robot: str) -> Scenario:
             sigma = scaled(noise.sigma, factor) if given else usual["position"] * more
             changes = {"noise": _replaced(base.noise, position=_replaced(noise, sigma=sigma))}
         case "elastic":  # half the stiffness, of joints and of links
+            powers = {("joint", "stiffness"): -1.0, ("joint", "frequency"): -0.5, ("link", "frequency"): -0.5}
             changes = {
-                name: _replaced(record, **{field: scaled(getattr(record, field), factor**power)})
-                for name, field, power in (("joint", "stiffness", -1.0), ("link", "frequency", -0.5))
-                if (record := getattr(base, name)) is not None
+                name: _replaced(record, **{field: scaled(numbers, factor**power)})
+                for (name, field), power in powers.items()
+                if (record := getattr(base, name)) is not None and (numbers := getattr(record, field)) is not None
             }
         case "torque constant":
             low, high = ends(actuator.gain)

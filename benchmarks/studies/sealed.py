@@ -24,8 +24,8 @@ from benchmarks.run.store import Store
 from benchmarks.run.suite import load
 from benchmarks.seeds import SPLITS
 from fbl_gym import Scenario
-from fbl_gym.model.arm import ArmParameters
-from fbl_gym.scenarios.classes import CLASSES, conditions, families, stretched_inertia
+from fbl_gym.model.arm import ArmParameters, stretched_inertia
+from fbl_gym.scenarios.classes import CLASSES, conditions, families
 
 SEVERITY = 3
 """The board has severity 2."""

@@ -6,6 +6,7 @@ import numpy as np
 
 from fbl_gym.envs.env_common import configure
 from fbl_gym.kernel.batch import ArmBatch
+from fbl_gym.kernel.memory.layout import VARIED
 from fbl_gym.model.arm import Array
 from fbl_gym.options import SENSORS, ArrayReference, Reward
 from fbl_gym.scenarios import Scenario
@@ -55,7 +56,8 @@ class Robot(ArmBatch):
             motion: as for `observe`.
         """
         at = dict(zip(self.needs, motion.reshape(-1, 2), strict=True))
-        self._settings["varied"][:4] = *at["position"], *at.get("velocity", (0.0, 0.0))
+        varied = self._settings["varied"].view(VARIED)[0]
+        varied["initial_error"], varied["initial_velocity"] = at["position"], at.get("velocity", 0.0)
         self.reset(_LANE, np.empty(self.interface.layout.size))
 
     def observe(self, motion: Array, reference: Array) -> Array:

@@ -281,8 +281,9 @@ class ArmBatch:
         fields["rate_limit"] *= 1 / settings["physics_dt"]
         if not settings["elastic"]:
             fields |= {"motor_position": fields["position"].copy(), "motor_velocity": fields["velocity"].copy()}
-        rows, end = self._rows, ROWS + 3 * (int(settings["delay_steps"]) + 1)
-        commands = rows[:, ROWS:end].swapaxes(1, 2).reshape(-1, (end - ROWS) // 3, 3)[: self.lanes, :, :2]
+        rows = self._rows
+        commands = rows[:, settings["queue_row"] : settings["waypoint_row"]].swapaxes(1, 2)
+        commands = commands.reshape(-1, int(settings["delay_steps"]) + 1, 3)[: self.lanes, :, :2]
         times = rows[:, settings["event_row"] :: memory.EVENT_ROWS][:, : settings["events"]].swapaxes(1, 2)
         times = times.reshape(len(rows) * LANES, times.shape[2])[: self.lanes] * settings["physics_dt"]
         return Truth(**fields, commands=commands.copy(), event_times=times)

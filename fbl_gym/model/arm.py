@@ -27,13 +27,13 @@ import dataclasses
 import math
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, TypeAlias
+from typing import Any, ClassVar, TypeAlias
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from fbl_gym.records.checks import Pair
-from fbl_gym.records.record import Record, number, pair
+from fbl_gym.records.record import Option, Record, number, pair
 
 Array: TypeAlias = NDArray[np.float64]
 
@@ -74,7 +74,7 @@ class Links(Record):
 
 
 @dataclass(frozen=True)
-class ArmParameters(Record):
+class ArmParameters(Option):
     """Two links in a vertical plane, or in a horizontal one with gravity=0.
 
     The default is the nominal model of the paper's Table 1. `from_links` and `from_lumped` make an
@@ -99,10 +99,12 @@ class ArmParameters(Record):
     m2: float = number(15.0, unit="kg", above=0)
     L1: float = number(0.7, unit="m", above=0)
     L2: float = number(0.5, unit="m", above=0)
-    gravity: float = number(STANDARD_GRAVITY, unit="m/s^2", low=0)
-    centre: Pair | float = pair(1.0)
-    inertia: Pair | float = pair(0.0, low=0)
-    rotor: Pair | float = pair(0.0, unit="kg m^2", low=0)
+    gravity: float = number(STANDARD_GRAVITY, unit="m/s^2", low=0, kernel="gravity")
+    centre: Pair | float = pair(1.0, kernel="centre")
+    inertia: Pair | float = pair(0.0, low=0, kernel="inertia")
+    rotor: Pair | float = pair(0.0, unit="kg m^2", low=0, kernel="rotor")
+
+    derived: ClassVar = {"parameters": (float, 4)}
 
     def validate(self) -> None:
         """Refuse an arm without inertia about a joint, or with numbers that overflow."""
@@ -114,6 +116,10 @@ class ArmParameters(Record):
                 f"the arm must have inertia about both joints, within the range of a float, got {self}; a link whose mass "
                 "is on its joint needs an inertia or a rotor"
             )
+
+    def pack(self, packer: Any) -> None:
+        """Write masses and lengths."""
+        packer.settings["parameters"] = self.m1, self.m2, self.L1, self.L2
 
     @staticmethod
     def from_links(
@@ -194,6 +200,12 @@ def lumped_terms(m1, m2, L1, L2, gravity, centre, inertia):
     p4 = (centre1 * m1 + m2) * L1 * gravity
     p5 = centre2 * m2 * L2 * gravity
     return p1, p2, p3, p4, p5
+
+
+def stretched_inertia(arm: ArmParameters) -> Array:
+    """Return the inertia of the stretched links about each joint [2] kg m^2, without rotors."""
+    p1, p2, p3, _, _ = arm.lumped
+    return np.array([p1 + p2 + 2 * p3, p2])
 
 
 def inertia_terms(p1, p2, p3, r1, r2, c2):

@@ -1,8 +1,9 @@
 """The options: one record for each thing that may differ between two tasks.
 
-Beside a record stand its checks, its numbers for the kernel (`pack`), and what policies are told of
-it (`datasheet`). An option that is None is off. A field of two numbers, one per joint, also takes a
-single number for both. Most numbers may vary: each episode draws them from a `Distribution`.
+The declaration of a field names its number in the kernel. Beside a record stand its checks, further
+numbers of the kernel (`pack`), and what policies are told of it (`facts`). An option that is None
+is off. A field of two numbers, one per joint, also takes a single number for both. Most numbers may
+vary: each episode draws them from a `Distribution`.
 """
 
 from fbl_gym.options.actuator import Actuator

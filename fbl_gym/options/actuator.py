@@ -2,16 +2,16 @@
 
 import math
 from dataclasses import dataclass
-from typing import Any
-
-import numpy as np
+from typing import Any, ClassVar
 
 from fbl_gym.records.checks import Pair
-from fbl_gym.records.record import Distribution, Number, Numbers, Record, ends, number, pair, whole
+from fbl_gym.records.record import Distribution, Number, Numbers, Option, ends, number, pair, steps, whole
+
+_NONE = (math.inf, math.inf)
 
 
 @dataclass(frozen=True)
-class Actuator(Record):
+class Actuator(Option):
     """The joint drives: the torque command passes limit, delay, rate limit, lag and gain in turn.
 
     Args:
@@ -30,15 +30,24 @@ class Actuator(Record):
         ripple_order: periods of the ripple in a turn of the joint.
     """
 
-    torque_limit: Pair | float | None = pair((2000.0, 800.0), unit="N m", above=0, high=1e30, optional=True)
-    delay: Number = number(0.0, unit="s", varies=True, low=0, high=100)
-    lag: Number = number(0.0, unit="s", varies=True, low=0)
-    gain: Numbers = pair(1.0, varies=True, low=0)
-    delay_samples: Number = whole(0, high=10_000, varies=True)
-    rate_limit: Numbers | None = pair(None, unit="N m/s", varies=True, above=0)
-    jitter: Number = number(0.0, unit="s", varies=True, low=0, high=100)
-    ripple: Numbers = pair(0.0, unit="N m", varies=True, low=0)
-    ripple_order: Pair | float = pair(36.0, above=0, high=1e6)
+    torque_limit: Pair | float | None = pair(
+        (2000.0, 800.0), unit="N m", above=0, high=1e30, optional=True, kernel="torque_limit", none=_NONE
+    )
+    delay: Number = number(0.0, unit="s", varies=True, low=0, high=100, kernel="delay", scale=steps)
+    lag: Number = number(0.0, unit="s", varies=True, low=0, kernel="lag", scale=steps)
+    gain: Numbers = pair(1.0, varies=True, low=0, kernel="gain")
+    delay_samples: Number = whole(0, high=10_000, varies=True, kernel="delay_samples")
+    rate_limit: Numbers | None = pair(
+        None, unit="N m/s", varies=True, above=0, kernel="rate_limit", scale=lambda task: task.physics_dt, none=_NONE
+    )
+    jitter: Number = number(0.0, unit="s", varies=True, low=0, high=100, kernel="jitter", scale=steps)
+    ripple: Numbers = pair(0.0, unit="N m", varies=True, low=0, kernel="ripple")
+    ripple_order: Pair | float = pair(36.0, above=0, high=1e6, kernel="ripple_order")
+
+    derived: ClassVar = {
+        "delay_steps": int, "past_actions": int, "torque_varies": bool, "jittered": bool, "rippled": bool,
+    }  # fmt: skip
+    drawn: ClassVar = {"ripple_phase": (float, 2)}
 
     def check(self, scenario: Any) -> None:
         """Refuse times that are no multiple of a physics step."""
@@ -47,30 +56,22 @@ class Actuator(Record):
                 scenario.check_multiple(f"actuator.{name}", getattr(self, name), "physics_dt")
 
     def pack(self, packer: Any) -> None:
-        """Write limits, gain, delay and lag."""
+        """Write the longest delay in control steps, rounded up, and what acts later."""
         settings, scenario = packer.settings, packer.scenario
-        settings["torque_limit"] = np.inf if self.torque_limit is None else self.torque_limit
         h, samples = scenario.physics_dt, round(ends(self.delay_samples)[1])
         longest, latest = ends(self.delay)[1], ends(self.jitter)[1]
         delay = samples * scenario.substeps + round(longest * (1 / h)) + round(latest * (1 / h))
-        steps = -(-delay // scenario.substeps)
-        settings["delay_steps"] = steps
+        late = -(-delay // scenario.substeps)
+        settings["delay_steps"] = late
         # The state has the actions on their way, and the one that a slow drive still follows.
         slow = ends(self.lag)[1] > 0 or self.rate_limit is not None
-        settings["past_actions"] = delay // scenario.substeps + 1 if slow else steps
+        settings["past_actions"] = delay // scenario.substeps + 1 if slow else late
         settings["jittered"], settings["rippled"] = latest > 0.0, ends(self.ripple)[1] > 0.0
-        settings["torque_varies"] = steps > 0 or slow or settings["rippled"]
-        rate = (math.inf, math.inf) if self.rate_limit is None else self.rate_limit
-        packer.vary("rate_limit", rate, "actuator.rate_limit", scale=h)
-        for name in ("gain", "delay_samples", "ripple"):
-            packer.vary(name, getattr(self, name), f"actuator.{name}")
-        for name in ("delay", "jitter", "lag"):
-            packer.vary(name, getattr(self, name), f"actuator.{name}", scale=1 / h)
-        settings["ripple_order"] = self.ripple_order
+        settings["torque_varies"] |= late > 0 or slow or settings["rippled"]
         if settings["rippled"]:
             packer.vary("ripple_phase", (Distribution(uniform=(0.0, 2 * math.pi)),) * 2, "actuator.ripple phase")
 
-    def datasheet(self, scenario: Any) -> dict[str, Any]:
+    def facts(self, scenario: Any) -> dict[str, Any]:
         """Return what policies are told, as fields of `Interface`."""
         both = zip(ends(self.delay), ends(self.delay_samples), (0.0, ends(self.jitter)[1]), strict=True)
         rate = self.rate_limit

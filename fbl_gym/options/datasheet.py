@@ -5,13 +5,13 @@ from typing import Any
 
 from fbl_gym.options.sensors import SENSORS
 from fbl_gym.records.checks import Pair
-from fbl_gym.records.record import Record, number, pair
+from fbl_gym.records.record import Option, number, pair
 
 _SPRINGS = ("stiffness", "damping", "rotor_inertia", "backlash")
 
 
 @dataclass(frozen=True)
-class Datasheet(Record):
+class Datasheet(Option):
     """The statements that policies get in place of the truth, as fields of `Interface`.
 
     A field that is None is told as it is: with the range of a number that varies. The real arm
@@ -53,7 +53,7 @@ class Datasheet(Record):
             if getattr(self, f"{sensor}_noise") is not None and sensor not in scenario.sensors:
                 raise ValueError(f"datasheet.{sensor}_noise is given, but sensors={scenario.sensors} has no {sensor}")
 
-    def datasheet(self, truth: dict[str, Any]) -> dict[str, Any]:
+    def stated(self, truth: dict[str, Any]) -> dict[str, Any]:
         """Return the fields of `Interface` that state the truth, with those that are given here."""
         given = {name: value for name, value in vars(self).items() if value is not None}
         noise = zip(SENSORS, truth.get("noise_std", ((0.0, 0.0),) * 3), strict=True)

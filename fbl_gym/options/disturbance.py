@@ -1,19 +1,25 @@
 """Disturbances: one record for each kind of torque tau_d of equation (1)."""
 
 from dataclasses import dataclass
-from typing import Any, TypeAlias
+from typing import Any, ClassVar, TypeAlias
 
 import numpy as np
 
 from fbl_gym.records.checks import Pair, check_number
-from fbl_gym.records.record import Numbers, Record, ends, kind, number, pair, table
+from fbl_gym.records.record import Numbers, Option, ends, kind, number, pair, table
 
 TIMES = {"period": 1, "width": 1, "start": 0, "dt": 1}
 """Fields that are counted in physics steps, with the fewest."""
 
 
-class _Timed(Record):
+class _Timed(Option):
     """Base of the disturbances."""
+
+    derived: ClassVar = {
+        "disturbance_kind": int, "disturbance_phase_drawn": bool, "torque_varies": bool,
+        "disturbance_period": float, "disturbance_width": float, "disturbance_start": float,  # [physics steps]
+        "disturbance_table": int, "disturbance_samples": int,
+    }  # fmt: skip
 
     def check(self, scenario: Any) -> None:
         """Refuse times that are no multiples of a physics step."""
@@ -22,14 +28,13 @@ class _Timed(Record):
                 scenario.check_multiple(f"disturbance.{name}", getattr(self, name), "physics_dt", least)
 
     def pack(self, packer: Any) -> None:
-        """Write amplitude and times."""
+        """Write kind and times."""
         settings, scenario = packer.settings, packer.scenario
+        settings["disturbance_kind"] = 1 + DISTURBANCES.index(type(self))
         for name in TIMES.keys() & vars(self).keys():
             steps = round(vars(self)[name] / scenario.physics_dt)
             settings["disturbance_period" if name == "dt" else f"disturbance_{name}"] = steps
             settings["torque_varies"] |= steps % scenario.substeps > 0
-        if "amplitude" in vars(self):
-            packer.vary("disturbance_amplitude", vars(self)["amplitude"], "disturbance.amplitude")
 
 
 @dataclass(frozen=True)
@@ -41,7 +46,7 @@ class PiecewiseConstantDisturbance(_Timed):
         period: time between two jumps, a multiple of physics_dt.
     """
 
-    amplitude: Numbers = pair(unit="N m", varies=True, low=0)
+    amplitude: Numbers = pair(unit="N m", varies=True, low=0, kernel="disturbance_amplitude")
     period: float = number(0.5, unit="s", above=0)
     kind: str = kind("piecewise-constant")
 
@@ -56,9 +61,9 @@ class SineDisturbance(_Timed):
         phase: phase of the torque; None: drawn per episode.
     """
 
-    amplitude: Numbers = pair(unit="N m", varies=True, low=0)
-    frequency: Numbers = pair(1.0, unit="Hz", varies=True, low=0, high=1e6)
-    phase: Pair | float | None = pair(None, unit="rad", low=-1e6, high=1e6)
+    amplitude: Numbers = pair(unit="N m", varies=True, low=0, kernel="disturbance_amplitude")
+    frequency: Numbers = pair(1.0, unit="Hz", varies=True, low=0, high=1e6, kernel="disturbance_rate", scale=2 * np.pi)
+    phase: Pair | float | None = pair(None, unit="rad", low=-1e6, high=1e6, kernel="disturbance_phase")
     kind: str = kind("sine")
 
     def check(self, scenario: Any) -> None:
@@ -70,13 +75,9 @@ class SineDisturbance(_Timed):
             )
 
     def pack(self, packer: Any) -> None:
-        """Write amplitude, frequency and phase."""
+        """Write that the torque varies, perhaps with a drawn phase."""
         super().pack(packer)
-        settings = packer.settings
-        packer.vary("disturbance_rate", self.frequency, "disturbance.frequency", scale=2 * np.pi)
-        settings["disturbance_phase_drawn"] = self.phase is None
-        settings["disturbance_phase"] = 0.0 if self.phase is None else self.phase
-        settings["torque_varies"] = True
+        packer.settings["disturbance_phase_drawn"], packer.settings["torque_varies"] = self.phase is None, True
 
 
 @dataclass(frozen=True)
@@ -90,7 +91,7 @@ class PulseDisturbance(_Timed):
         start: time of the first pulse.
     """
 
-    amplitude: Numbers = pair(unit="N m", varies=True)
+    amplitude: Numbers = pair(unit="N m", varies=True, kernel="disturbance_amplitude")
     period: float = number(2.0, unit="s", above=0)
     width: float = number(0.1, unit="s", above=0)
     start: float = number(0.0, unit="s", low=0)
@@ -117,10 +118,10 @@ class ArrayDisturbance(_Timed):
     def pack(self, packer: Any) -> None:
         """Write the samples."""
         super().pack(packer)
-        settings = packer.settings
-        settings["disturbance_table"], settings["disturbance_samples"] = len(packer.tables), len(self.torque)
-        packer.tables.extend(value for sample in self.torque for value in sample)
+        packer.settings["disturbance_samples"] = len(self.torque)
+        packer.settings["disturbance_table"] = packer.table(np.ravel(self.torque))
 
 
 Disturbance: TypeAlias = PiecewiseConstantDisturbance | SineDisturbance | PulseDisturbance | ArrayDisturbance
 DISTURBANCES = (PiecewiseConstantDisturbance, SineDisturbance, PulseDisturbance, ArrayDisturbance)
+"""The kinds of disturbances, in the order of their numbers in the kernel, from 1."""

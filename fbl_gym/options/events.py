@@ -7,29 +7,18 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, TypeAlias
 
-from fbl_gym.records.record import Number, Numbers, Record, build_kind, declared, kind, number, pair
+from fbl_gym.records.record import Number, Numbers, Option, build_kind, declared, kind, number, pair, steps
 
 
 @dataclass(frozen=True)
-class _Event(Record):
+class _Event(Option):
     """Base of the events.
 
     Args:
         time: of the event.
     """
 
-    time: Number = number(unit="s", varies=True, low=0)
-
-    def check(self, scenario: Any) -> None:
-        """Refuse an event that the scenario does not allow."""
-
-    def pack(self, packer: Any, row: int, path: str) -> None:
-        """Write the time to a row of a block, and the size to the next one or two."""
-        for name, value in vars(self).items():
-            if name == "time":
-                packer.vary_row(row, value, f"{path}.time", 1 / packer.scenario.physics_dt)
-            elif name != "kind":
-                packer.vary_row(row + 1, value, f"{path}.{name}")
+    time: Number = number(unit="s", varies=True, low=0, scale=steps)
 
 
 @dataclass(frozen=True)
@@ -84,9 +73,8 @@ class DriveChange(_Event):
     factor: Numbers = pair(varies=True, low=0)
     kind: str = kind("drive")
 
-    def pack(self, packer: Any, row: int, path: str) -> None:
-        """Write time and factor."""
-        super().pack(packer, row, path)
+    def pack(self, packer: Any) -> None:
+        """Write that the torque varies."""
         packer.settings["torque_varies"] = True
 
 

@@ -1,20 +1,23 @@
 """Friction in the joints; `kernel/friction.py` has its equation."""
 
 from dataclasses import dataclass
-from typing import Any, Literal
+from typing import Any, ClassVar, Literal
 
 import numpy as np
 
 from fbl_gym.model.arm import inertia_matrix
-from fbl_gym.records.record import Numbers, Record, choice, pair
+from fbl_gym.records.record import Numbers, Option, choice, pair
 
 MAX_DECAY = 1.0
 """Largest product of physics_dt and the rate of decay by viscous friction; Runge-Kutta is stable up
 to 2.78."""
 
+LAWS = ("exact", "literal")
+"""The laws of dry friction, in the order of their numbers in the kernel, from 1."""
+
 
 @dataclass(frozen=True)
-class Friction(Record):
+class Friction(Option):
     """Joint friction, equation (43): f_i1 v + (f_i2 + f_s exp(-v^2 / v_s) + mu abs(tau)) sign(v).
 
     Args:
@@ -32,12 +35,14 @@ class Friction(Record):
             MuJoCo.
     """
 
-    viscous: Numbers = pair(0.0, unit="N m s/rad", varies=True, low=0)
-    coulomb: Numbers = pair(0.0, unit="N m", varies=True, low=0)
-    stiction: Numbers = pair(0.0, unit="N m", varies=True, low=0)
-    v_s: Numbers = pair(1e-3, unit="(rad/s)^2", varies=True, above=0)
-    load: Numbers = pair(0.0, varies=True, low=0, high=1)
-    law: Literal["exact", "literal"] = choice("exact", ("exact", "literal"))
+    viscous: Numbers = pair(0.0, unit="N m s/rad", varies=True, low=0, kernel="viscous")
+    coulomb: Numbers = pair(0.0, unit="N m", varies=True, low=0, kernel="coulomb")
+    stiction: Numbers = pair(0.0, unit="N m", varies=True, low=0, kernel="stiction")
+    v_s: Numbers = pair(1e-3, unit="(rad/s)^2", varies=True, above=0, kernel="v_s")
+    load: Numbers = pair(0.0, varies=True, low=0, high=1, kernel="load_friction")
+    law: Literal["exact", "literal"] = choice("exact", LAWS)
+
+    derived: ClassVar = {"friction_law": int}
 
     def check(self, scenario: Any) -> None:
         """Refuse viscous friction too large for the physics step, and a law of rigid joints."""
@@ -55,10 +60,8 @@ class Friction(Record):
         return any(getattr(self, name) != (0.0, 0.0) for name in ("coulomb", "stiction", "load"))
 
     def pack(self, packer: Any) -> None:
-        """Write the numbers of the curve."""
-        for name in ("viscous", "coulomb", "stiction", "v_s"):
-            packer.vary(name, getattr(self, name), f"friction.{name}")
-        packer.vary("load_friction", self.load, "friction.load")
+        """Write the law, if there is dry friction."""
+        packer.settings["friction_law"] = 1 + LAWS.index(self.law) if self.is_dry else 0
 
 
 def _fastest_decay(scenario: Any) -> float:

@@ -1,18 +1,18 @@
 """Limits beyond which an arm has diverged, and constraints that it shall keep."""
 
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from fbl_gym.model.arm import Array
 from fbl_gym.records.checks import Pair
-from fbl_gym.records.record import Record, choice, number, pair
+from fbl_gym.records.record import Option, choice, number, pair
 
 
 @dataclass(frozen=True)
-class Limits(Record):
+class Limits(Option):
     """The limits beyond which an arm has diverged, and the ranges of the interface's numbers.
 
     Args:
@@ -25,24 +25,24 @@ class Limits(Record):
         error_time: see `error`.
     """
 
-    position: float = number(4 * np.pi, unit="rad", above=0)
-    velocity: float = number(100.0, unit="rad/s", above=0)
+    position: float = number(4 * np.pi, unit="rad", above=0, kernel="max_position")
+    velocity: float = number(100.0, unit="rad/s", above=0, kernel="max_velocity")
     acceleration: float = number(1e5, unit="rad/s^2", above=0)
     command: float = number(100.0, unit="rad/s^2", above=0, high=1e30)
-    error: float | None = number(None, unit="rad", above=0)
+    error: float | None = number(None, unit="rad", above=0, kernel="max_error", none=np.inf)
     error_time: float = number(1.0, unit="s", above=0)
 
+    derived: ClassVar = {"sensor_range": (float, 3), "error_steps": float}
+
     def pack(self, packer: Any) -> None:
-        """Write the limits."""
+        """Write the ranges of the sensors, and `error_time` in control steps."""
         settings = packer.settings
-        settings["max_position"], settings["max_velocity"] = self.position, self.velocity
         settings["sensor_range"] = 2 * self.position, 2 * self.velocity, self.acceleration
-        settings["max_error"] = np.inf if self.error is None else self.error
         settings["error_steps"] = np.ceil(self.error_time / packer.scenario.control_dt - 1e-9)
 
 
 @dataclass(frozen=True)
-class Constraints(Record):
+class Constraints(Option):
     """Bounds that the arm shall keep. A step whose end is beyond one of them costs 1.
 
     The bounds are those of the real links, also with elastic joints. A policy knows them.
@@ -54,10 +54,10 @@ class Constraints(Record):
         violation: consequence beyond a bound: "cost" alone, or "end", which also ends the episode.
     """
 
-    low: Pair | float | None = pair(None, unit="rad")
-    high: Pair | float | None = pair(None, unit="rad")
-    velocity: Pair | float | None = pair(None, unit="rad/s", above=0)
-    violation: str = choice("cost", ("cost", "end"))
+    low: Pair | float | None = pair(None, unit="rad", kernel="constraint_low", none=-np.inf)
+    high: Pair | float | None = pair(None, unit="rad", kernel="constraint_high", none=np.inf)
+    velocity: Pair | float | None = pair(None, unit="rad/s", above=0, kernel="constraint_velocity", none=np.inf)
+    violation: str = choice("cost", ("cost", "end"), kernel="violation_ends")
 
     def validate(self) -> None:
         """Refuse an empty range of positions."""
@@ -73,12 +73,6 @@ class Constraints(Record):
             for given, none in ((self.low, -np.inf), (self.high, np.inf), (self.velocity, np.inf))
         )
         return low, high, velocity
-
-    def pack(self, packer: Any) -> None:
-        """Write the bounds."""
-        settings = packer.settings
-        settings["constraint_low"], settings["constraint_high"], settings["constraint_velocity"] = self.bounds
-        settings["violation_ends"] = self.violation == "end"
 
     def violated(self, position: Array, velocity: Array) -> NDArray[np.bool_]:
         """Return True where a bound is violated [...], from position and velocity [... x 2]."""

@@ -16,21 +16,21 @@ one, far from straight. If the joints turn too fast for a balance, it is that at
 """
 
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 
 from fbl_gym.model.arm import ArmParameters, Array, inertia_matrix
 from fbl_gym.model.chain import chain_dynamics, segment_terms
 from fbl_gym.records.checks import Pair
-from fbl_gym.records.record import Numbers, Record, ends, pair
+from fbl_gym.records.record import Numbers, Option, ends, pair
 
 MOST_SAG = 0.5
 """Largest bend of the links of a horizontal arm under its weight, without payload [rad]."""
 
 
 @dataclass(frozen=True)
-class FlexibleLink(Record):
+class FlexibleLink(Option):
     """Links that bend, with the encoders at their joints.
 
     Args:
@@ -40,8 +40,10 @@ class FlexibleLink(Record):
         damping: damping ratio of each hinge.
     """
 
-    frequency: Numbers = pair(unit="Hz", varies=True, above=0, high=1e4)
-    damping: Pair | float = pair(0.1, low=0)
+    frequency: Numbers = pair(unit="Hz", varies=True, above=0, high=1e4, kernel="bend_rate", scale=2 * np.pi)
+    damping: Pair | float = pair(0.1, low=0, kernel="bend_damping")
+
+    derived: ClassVar = {"flexible": bool, "beyond": (float, 2)}
 
     def check(self, scenario: Any) -> None:
         """Refuse links too soft for their weight, or too fast for the physics step."""
@@ -54,11 +56,9 @@ class FlexibleLink(Record):
         scenario.check_springs()
 
     def pack(self, packer: Any) -> None:
-        """Write frequencies, damping, and the inertia that they refer to."""
-        settings = packer.settings
-        settings["flexible"], settings["bend_damping"] = True, self.damping
-        settings["beyond"] = np.diag(straight_chain(packer.scenario.arm, 0.0)[0])[2:]
-        packer.vary("bend_rate", self.frequency, "link.frequency", scale=2 * np.pi)
+        """Write the inertia that turns on the hinges of a straight nominal arm [kg m^2]."""
+        packer.settings["flexible"] = True
+        packer.settings["beyond"] = np.diag(straight_chain(packer.scenario.arm, 0.0)[0])[2:]
 
     def springs(self, arm: ArmParameters, rate: Array) -> tuple[Array, Array]:
         """Return k [N m/rad] and d [N m s/rad] of the hinges of a nominal arm.
@@ -79,14 +79,17 @@ def straight_chain(arm: ArmParameters, q2: float) -> tuple[Array, Array]:
     return chain_dynamics(segments, (arm.L1, arm.L2), arm.gravity, np.array([0.0, q2]), zero, zero, zero)
 
 
-def fastest_rate(arm: ArmParameters, rotor: Pair, viscous: Pair, joint: Any, link: Any) -> float:
+def fastest_rate(
+    arm: ArmParameters, nominal: ArmParameters, rotor: Pair, viscous: Pair, joint: Any, link: Any
+) -> float:
     """Return the largest eigenvalue of an arm's linear motion about any posture at rest [1/s].
 
-    Of numbers that vary, the largest value counts. `viscous` is the friction of the motors.
+    Of numbers that vary, the largest value counts. Frequencies refer to the nominal arm. `viscous`
+    is the friction of the motors.
     """
 
-    def largest(numbers: Any) -> Array:
-        return np.array([ends(x)[1] for x in numbers])
+    def top(x: Any) -> float:
+        return ends(x)[1]
 
     rates = []
     for q2 in (0.0, np.pi / 2, np.pi):  # the inertia is linear in cos q2
@@ -97,9 +100,11 @@ def fastest_rate(arm: ArmParameters, rotor: Pair, viscous: Pair, joint: Any, lin
         mass[motors, motors] += np.diag(rotor)
         springs = [(axes[motors], np.zeros(2), np.array(viscous))]  # what they stretch, stiffness, damping
         if link is not None:
-            springs.append((axes[2:4], *link.springs(arm, 2 * np.pi * largest(link.frequency))))
+            springs.append((axes[2:4], *link.springs(nominal, 2 * np.pi * np.array([*map(top, link.frequency)]))))
         if joint is not None:
-            springs.append((axes[motors] - axes[:2], largest(joint.stiffness), largest(joint.damping)))
+            springs.append(
+                (axes[motors] - axes[:2], joint.springs(nominal, top)[0], np.array([*map(top, joint.damping)]))
+            )
         stiffness, damping = (sum(x[0].T * x[i] @ x[0] for x in springs) for i in (1, 2))
         slope = np.linalg.solve(mass, -np.hstack([stiffness, damping]))
         rates.append(np.abs(np.linalg.eigvals(np.vstack([np.eye(n, 2 * n, k=n), slope]))).max())

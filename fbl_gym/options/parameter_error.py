@@ -6,14 +6,14 @@ parameter error is a ratio real / nominal.
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any, Literal
+from typing import Any, ClassVar, Literal
 
 import numpy as np
 
 from fbl_gym.exact import log1p
 from fbl_gym.model.arm import ArmParameters
 from fbl_gym.records.checks import Pair, check_choice, check_number
-from fbl_gym.records.record import Number, Numbers, Record, choice, choices, declared, ends, number, pair, record
+from fbl_gym.records.record import Number, Numbers, Option, choice, choices, declared, ends, number, pair, record, steps
 
 PARAMETERS = ("m1", "m2", "L1", "L2")
 
@@ -21,7 +21,7 @@ Ratios = tuple[float, float, float, float]
 
 
 @dataclass(frozen=True)
-class Payload(Record):
+class Payload(Option):
     """A mass at the tip that the nominal model does not include.
 
     Args:
@@ -35,11 +35,13 @@ class Payload(Record):
     A mass of `events.PickUp` hangs at the tip, with neither.
     """
 
-    mass: Number = number(unit="kg", varies=True, low=0)
-    pick_up: Number = number(0.0, unit="s", varies=True, low=0)
-    drop: Number | None = number(None, unit="s", varies=True)
-    offset: Number = number(0.0, unit="m", varies=True)
-    radius: Number = number(0.0, unit="m", varies=True, low=0)
+    mass: Number = number(unit="kg", varies=True, low=0, kernel="payload_mass")
+    pick_up: Number = number(0.0, unit="s", varies=True, low=0, kernel="payload_pick_up", scale=steps)
+    drop: Number | None = number(None, unit="s", varies=True, kernel="payload_drop", scale=steps, none=np.inf)
+    offset: Number = number(0.0, unit="m", varies=True, kernel="payload_offset")
+    radius: Number = number(0.0, unit="m", varies=True, low=0, kernel="payload_radius")
+
+    derived: ClassVar = {"has_payload": bool}
 
     def validate(self) -> None:
         """Refuse a drop that does not come after the pick-up."""
@@ -47,14 +49,8 @@ class Payload(Record):
             check_number("drop", ends(self.drop)[0], above=ends(self.pick_up)[1])
 
     def pack(self, packer: Any) -> None:
-        """Write mass and times."""
-        path, scale = "parameter_error.payload.", 1 / packer.scenario.physics_dt
+        """Write that there is a payload."""
         packer.settings["has_payload"] = ends(self.mass)[1] > 0
-        for name in ("mass", "offset", "radius"):
-            packer.vary(f"payload_{name}", getattr(self, name), path + name)
-        packer.vary("payload_pick_up", self.pick_up, path + "pick_up", scale=scale)
-        if self.drop is not None:
-            packer.vary("payload_drop", self.drop, path + "drop", scale=scale)
 
 
 def _ratios(name: str, value: object) -> Ratios:
@@ -88,7 +84,7 @@ def _fraction(nominal: Any, ratio: Any, unit: Pair, end: int) -> Pair:
 
 
 @dataclass(frozen=True)
-class ParameterError(Record):
+class ParameterError(Option):
     """Real parameters that differ from the nominal ones.
 
     Args:
@@ -107,15 +103,17 @@ class ParameterError(Record):
     """
 
     ratio: float | Ratios | Mapping[str, float] = declared(
-        1.0, _ratios, "a number greater than 0, four of them or a dict by parameter"
+        1.0, _ratios, "a number greater than 0, four of them or a dict by parameter", kernel="ratio", dtype=(float, 4)
     )
     radius: float = number(0.0, low=0)
     parameters: tuple[str, ...] = choices(PARAMETERS, PARAMETERS)
-    sampling: Literal["each", "together"] = choice("each", ("each", "together"))
+    sampling: Literal["each", "together"] = choice("each", ("each", "together"), kernel="drawn_together")
     payload: Payload | Mapping[str, Any] | float | None = record(Payload, None, scalar="mass")
-    centre: Numbers | None = pair(None, varies=True, above=0)
-    inertia: Numbers | None = pair(None, varies=True, low=0)
-    rotor: Numbers = pair(1.0, varies=True, above=0)
+    centre: Numbers | None = pair(None, varies=True, above=0, kernel="centre_ratio", none=(1.0, 1.0))
+    inertia: Numbers | None = pair(None, varies=True, low=0, kernel="inertia_ratio", none=(1.0, 1.0))
+    rotor: Numbers = pair(1.0, varies=True, above=0, kernel="rotor_ratio")
+
+    derived: ClassVar = {"log_radius": (float, 4), "in_proportion": (int, 2)}
 
     def lightest(self, arm: ArmParameters) -> list[ArmParameters]:
         """Return the lightest real arms of a nominal one, with their least and largest lengths.
@@ -136,14 +134,7 @@ class ParameterError(Record):
         return arms
 
     def pack(self, packer: Any) -> None:
-        """Write ratio, radius and payload."""
-        settings, radius = packer.settings, log1p(self.radius)
-        settings["ratio"] = self.ratio
-        settings["log_radius"] = [radius if name in self.parameters else 0.0 for name in PARAMETERS]
-        settings["drawn_together"] = self.sampling == "together"
-        for name in ("centre", "inertia", "rotor"):
-            ratio = getattr(self, name)
-            packer.vary(f"{name}_ratio", (1.0, 1.0) if ratio is None else ratio, f"parameter_error.{name}")
-        settings["in_proportion"] = self.centre is None, self.inertia is None
-        if isinstance(self.payload, Payload):
-            self.payload.pack(packer)
+        """Write the radius, and where fractions of real lengths and masses count (None)."""
+        radius = log1p(self.radius)
+        packer.settings["log_radius"] = [radius if name in self.parameters else 0.0 for name in PARAMETERS]
+        packer.settings["in_proportion"] = self.centre is None, self.inertia is None

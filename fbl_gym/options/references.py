@@ -12,7 +12,7 @@ from typing import Any, ClassVar, TypeAlias
 import numpy as np
 
 from fbl_gym.records.checks import Pair
-from fbl_gym.records.record import Record, kind, number, pair, table, whole
+from fbl_gym.records.record import Option, kind, number, pair, table, whole
 
 # Joint angles that the default references stay within, one radian about hanging. The moves of
 # `MinimumJerk` then need at most 1,683 and 749 N m of any arm whose masses and lengths lie between
@@ -27,8 +27,13 @@ def _range(positions: np.ndarray) -> tuple[Pair, Pair]:
     return tuple(positions.min(axis=0).tolist()), tuple(positions.max(axis=0).tolist())
 
 
-class _Reference(Record):
+class _Reference(Option):
     """Base of the references."""
+
+    derived: ClassVar = {
+        "reference_kind": int, "reference_points": int, "reference_table": int, "waypoints": int,
+        "point_time": float, "reference_phases_drawn": bool,
+    }  # fmt: skip
 
     @property
     def range(self) -> tuple[Pair, Pair]:
@@ -47,6 +52,10 @@ class _Reference(Record):
             return
         raise ValueError(f"reference must stay within {right}, got positions from {low} to {high} rad")
 
+    def pack(self, packer: Any) -> None:
+        """Write the kind."""
+        packer.settings["reference_kind"] = REFERENCES.index(type(self))
+
 
 @dataclass(frozen=True)
 class _Points(_Reference):
@@ -59,8 +68,8 @@ class _Points(_Reference):
             on.
     """
 
-    low: Pair | float = pair(LOW, unit="rad")
-    high: Pair | float = pair(HIGH, unit="rad")
+    low: Pair | float = pair(LOW, unit="rad", kernel="reference_low")
+    high: Pair | float = pair(HIGH, unit="rad", kernel="reference_high")
     points: tuple[Pair, ...] | None = table(None, unit="rad")
 
     pairs: ClassVar[int] = 1
@@ -93,19 +102,15 @@ class _Points(_Reference):
                 f"got {self.interval:g} s"
             )
 
-    def pack(self, packer: Any) -> int:
-        """Write the points, or the box from which they are drawn."""
-        settings, duration = packer.settings, packer.scenario.duration
+    def pack(self, packer: Any) -> None:
+        """Write number and interval of the points, and the points unless they are drawn (-1)."""
+        super().pack(packer)
+        settings, n = packer.settings, len(self.points or ())
+        if self.points is None:  # one more than is reached, for a jump at the very end
+            n = int(packer.scenario.duration / self.interval + 1e-9) + 2
+        settings["reference_table"] = -1 if self.points is None else packer.table(np.ravel(self.points))
         settings["point_time"] = self.interval
-        settings["reference_low"], settings["reference_high"] = self.low, self.high
-        if self.points is None:
-            n = int(duration / self.interval + 1e-9) + 2  # one more than is reached, for a jump at the very end
-            settings["reference_table"] = -1
-        else:
-            n = len(self.points)
-            packer.tables.extend(angle for point in self.points for angle in point)
-        settings["reference_points"] = n
-        return self.pairs * n
+        settings["reference_points"], settings["waypoints"] = n, self.pairs * n
 
 
 @dataclass(frozen=True)
@@ -117,16 +122,11 @@ class MinimumJerk(_Points):
         hold_time: rest after each move.
     """
 
-    move_time: float = number(1.5, unit="s", above=0)
+    move_time: float = number(1.5, unit="s", above=0, kernel="move_time")
     hold_time: float = number(0.5, unit="s", low=0)
     kind: str = kind("minimum-jerk")
 
     times: ClassVar[tuple[str, ...]] = ("move_time", "hold_time")
-
-    def pack(self, packer: Any) -> int:
-        """Write the points and the duration of a move."""
-        packer.settings["move_time"] = self.move_time
-        return super().pack(packer)
 
 
 @dataclass(frozen=True)
@@ -151,15 +151,10 @@ class FilteredSteps(_Points):
     """
 
     period: float = number(2.0, unit="s", above=0)
-    bandwidth: float = number(5.0, unit="rad/s", above=0)
+    bandwidth: float = number(5.0, unit="rad/s", above=0, kernel="bandwidth")
     kind: str = kind("filtered-steps")
 
     pairs: ClassVar[int] = 3  # also the filter's state at the start of each segment
-
-    def pack(self, packer: Any) -> int:
-        """Write the points and the filter."""
-        packer.settings["bandwidth"] = self.bandwidth
-        return super().pack(packer)
 
 
 @dataclass(frozen=True)
@@ -171,7 +166,7 @@ class _Oscillation(_Reference):
         amplitude: bound of `|q - centre|`, the sum of the sines' amplitudes.
     """
 
-    centre: Pair | float = pair((-math.pi / 2, 0.0), unit="rad")
+    centre: Pair | float = pair((-math.pi / 2, 0.0), unit="rad", kernel="reference_middle")
     amplitude: Pair | float = pair(1.0, unit="rad", low=0)
 
     @property
@@ -179,17 +174,16 @@ class _Oscillation(_Reference):
         """Return the lowest and the highest position of each joint [rad], for any phase."""
         return _range(np.array(self.centre) + np.outer([-1, 1], self.amplitude))
 
-    def pack(self, packer: Any) -> int:
+    def pack(self, packer: Any) -> None:
         """Write the sines; those of `FourierReference` have drawn phases."""
+        super().pack(packer)
         settings, fields = packer.settings, vars(self)
         n, phase = fields.get("harmonics", 1), fields.get("phase")
         weights = 1.0 / np.arange(1, n + 1)
-        settings["reference_points"], settings["reference_middle"] = n, self.centre
-        settings["base_rate"] = 2 * np.pi * fields["frequency"]
+        settings["reference_points"] = settings["waypoints"] = n
         settings["reference_phases_drawn"] = phase is None
-        packer.tables.extend(np.outer(weights / weights.sum(), self.amplitude).ravel())
-        packer.tables.extend((0.0, 0.0) if phase is None else phase)
-        return int(n)
+        amplitudes = np.outer(weights / weights.sum(), self.amplitude).ravel()
+        settings["reference_table"] = packer.table([*amplitudes, *((0.0, 0.0) if phase is None else phase)])
 
 
 @dataclass(frozen=True)
@@ -202,7 +196,7 @@ class SineReference(_Oscillation):
     """
 
     amplitude: Pair | float = 0.5
-    frequency: float = number(0.25, unit="Hz", above=0, high=1e6)
+    frequency: float = number(0.25, unit="Hz", above=0, high=1e6, kernel="base_rate", scale=2 * np.pi)
     phase: Pair | float | None = pair(0.0, unit="rad", optional=True, low=-1e6, high=1e6)
     kind: str = kind("sine")
 
@@ -216,7 +210,7 @@ class FourierReference(_Oscillation):
         harmonics: number of harmonics.
     """
 
-    frequency: float = number(0.1, unit="Hz", above=0, high=1e6)
+    frequency: float = number(0.1, unit="Hz", above=0, high=1e6, kernel="base_rate", scale=2 * np.pi)
     harmonics: int = whole(5, low=1, high=10_000)
     kind: str = kind("fourier")
 
@@ -250,14 +244,14 @@ class ArrayReference(_Reference):
             if rows is not None and len(rows) != len(self.position):
                 raise ValueError(f"{name} must have the {len(self.position)} rows of position, got {len(rows)}")
 
-    def pack(self, packer: Any) -> int:
+    def pack(self, packer: Any) -> None:
         """Write a sample for each control step, and one more, held for previews beyond it."""
+        super().pack(packer)
         scenario, count = packer.scenario, packer.scenario.steps + 2
         samples = self.samples(scenario.control_dt * np.arange(count))
         samples[-1, 2:] = 0.0
         packer.settings["reference_points"] = count
-        packer.tables.extend(samples.ravel())
-        return 0
+        packer.settings["reference_table"] = packer.table(samples.ravel())
 
     def samples(self, times: np.ndarray) -> np.ndarray:
         """Return position, velocity and acceleration at times [n] s, [n x 6]; then at rest."""
@@ -279,3 +273,4 @@ class ArrayReference(_Reference):
 
 Reference: TypeAlias = MinimumJerk | Steps | FilteredSteps | SineReference | FourierReference | ArrayReference
 REFERENCES = (MinimumJerk, Steps, FilteredSteps, SineReference, FourierReference, ArrayReference)
+"""The kinds of references, in the order of their numbers in the kernel."""

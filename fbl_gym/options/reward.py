@@ -13,18 +13,17 @@ pays. There is no squared error, because its slope vanishes near zero, where goo
 """
 
 from dataclasses import dataclass
-from typing import Literal
+from typing import Any, ClassVar, Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
 from fbl_gym.exact import log1p
 from fbl_gym.model.arm import Array
-from fbl_gym.records.record import Record, choice, number
+from fbl_gym.records.record import Option, choice, number
 
 
 @dataclass(frozen=True)
-class Reward(Record):
+class Reward(Option):
     """The weights and scales of the reward.
 
     Args:
@@ -43,15 +42,19 @@ class Reward(Record):
     weight_effort: float = number(0.02, low=0)
     weight_chatter: float = number(0.1, low=0)
 
+    derived: ClassVar = {
+        "reward_logarithmic": bool, "reward_scale": float, "reward_norm": float, "reward_weights": (float, 3)
+    }  # fmt: skip
+
     def validate(self) -> None:
         """Refuse weights that are all zero."""
         weights = {name: value for name, value in vars(self).items() if name.startswith("weight_")}
         if sum(weights.values()) == 0:
             raise ValueError(f"at least one of {', '.join(weights)} must be positive, got {weights}")
 
-    def pack(self, settings: NDArray[np.void]) -> None:
-        """Write form, scales and weights to the kernel's settings."""
-        logarithmic = self.tracking == "log"
+    def pack(self, packer: Any) -> None:
+        """Write form, scales and weights."""
+        settings, logarithmic = packer.settings, self.tracking == "log"
         settings["reward_logarithmic"] = logarithmic
         settings["reward_scale"] = 1 / self.resolution if logarithmic else 1 / self.worst
         settings["reward_norm"] = 1 / log1p(self.worst / self.resolution) if logarithmic else 0.0

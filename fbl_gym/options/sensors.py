@@ -3,13 +3,13 @@
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 
 from fbl_gym.exact import exp
 from fbl_gym.records.checks import Pair
-from fbl_gym.records.record import Number, Numbers, Record, ends, number, pair, record, scaled, whole
+from fbl_gym.records.record import Number, Numbers, Option, Record, ends, number, pair, record, scaled, whole
 
 SENSORS = ("position", "velocity", "acceleration")
 
@@ -50,20 +50,9 @@ class SensorError(Record):
             return scaled(self.density, 1 / math.sqrt(2 * control_dt))
         return self.sigma
 
-    def pack(self, packer: Any, name: str) -> None:
-        """Write the errors of a sensor."""
-        settings, sensor = packer.settings, SENSORS.index(name)
-        std, size = self.std_at(packer.scenario.control_dt), "sigma" if self.density == (0.0, 0.0) else "density"
-        packer.vary("noise_bias", self.bias, f"noise.{name}.bias", first=2 * sensor)
-        packer.vary("noise_std", std, f"noise.{name}.{size}", first=2 * sensor)
-        settings["quantization"][sensor] += self.quantization
-        settings["has_noise"][sensor] = ends(std) != (0.0, 0.0)
-        settings["noisy"] |= bool(settings["has_noise"][sensor]) or ends(self.bias) != (0.0, 0.0)
-        settings["noisy"] |= self.quantization != (0.0, 0.0)
-
 
 @dataclass(frozen=True)
-class Noise(Record):
+class Noise(Option):
     """The errors of the sensors. A sensor without an error is perfect.
 
     Args:
@@ -75,6 +64,9 @@ class Noise(Record):
     position: SensorError | Mapping[str, Any] | Pair | float | None = record(SensorError, None, scalar="sigma")
     velocity: SensorError | Mapping[str, Any] | Pair | float | None = record(SensorError, None, scalar="sigma")
     acceleration: SensorError | Mapping[str, Any] | Pair | float | None = record(SensorError, None, scalar="sigma")
+
+    derived: ClassVar = {"noisy": bool, "has_noise": (int, 3), "quantization": (float, (3, 2))}
+    drawn: ClassVar = {"noise_std": (float, (3, 2)), "noise_bias": (float, (3, 2))}
 
     @property
     def errors(self) -> dict[str, SensorError]:
@@ -89,10 +81,17 @@ class Noise(Record):
 
     def pack(self, packer: Any) -> None:
         """Write the errors of all sensors."""
+        settings = packer.settings
         for name, error in self.errors.items():
-            error.pack(packer, name)
+            sensor, size = SENSORS.index(name), "sigma" if error.density == (0.0, 0.0) else "density"
+            std = error.std_at(packer.scenario.control_dt)
+            packer.vary("noise_bias", error.bias, f"noise.{name}.bias", first=2 * sensor)
+            packer.vary("noise_std", std, f"noise.{name}.{size}", first=2 * sensor)
+            settings["quantization"][sensor] += error.quantization
+            settings["has_noise"][sensor] = ends(std) != (0.0, 0.0)
+            settings["noisy"] |= any(ends(x) != (0.0, 0.0) for x in (std, error.bias, error.quantization))
 
-    def datasheet(self, scenario: Any) -> dict[str, Any]:
+    def facts(self, scenario: Any) -> dict[str, Any]:
         """Return what policies know of the noise, as fields of `Interface`."""
         errors = [self.errors.get(name, SensorError()) for name in SENSORS]
         return {
@@ -101,7 +100,7 @@ class Noise(Record):
 
 
 @dataclass(frozen=True)
-class Encoder(Record):
+class Encoder(Option):
     """The encoders of both joints, and the velocity that a drive computes from them.
 
     The velocity is the difference of two position readings, divided by the time between them, then
@@ -118,11 +117,13 @@ class Encoder(Record):
     """
 
     counts: Pair | float | None = pair(None, low=1e-3)
-    difference: int | None = whole(None, low=1, high=10_000)
+    difference: int | None = whole(None, low=1, high=10_000, kernel="difference")
     low_pass: float | None = number(None, unit="Hz", above=0)
-    latency: int = whole(0, high=10_000)
-    dropout: Number = number(0.0, varies=True, low=0, high=1)
+    latency: int = whole(0, high=10_000, kernel="latency")
+    dropout: Number = number(0.0, varies=True, low=0, high=1, kernel="dropout")
     dropout_length: int = whole(1, low=1, high=10_000)
+
+    derived: ClassVar = {"noisy": bool, "history": int, "low_pass": float, "dropout_length": int}
 
     def validate(self) -> None:
         """Refuse a filter of a measured velocity."""
@@ -141,22 +142,20 @@ class Encoder(Record):
         if self.counts is not None and "position" in errors and errors["position"].quantization != (0.0, 0.0):
             raise ValueError(f"give encoder.counts or noise.position.quantization, not both; got counts={self.counts}")
 
-    def datasheet(self, scenario: Any) -> dict[str, Any]:
+    def facts(self, scenario: Any) -> dict[str, Any]:
         """Return what policies know of the encoders, as fields of `Interface`."""
         return {"latency": self.latency * scenario.control_dt}
 
     def pack(self, packer: Any) -> None:
-        """Write counts, difference, filter and latency."""
+        """Write counts, stored readings, length of a loss, and the filter's share of a reading."""
         settings = packer.settings
         if self.counts is not None:
-            settings["quantization"][0] = 2 * np.pi / np.array(self.counts)
+            settings["quantization"][0] += 2 * np.pi / np.array(self.counts)
             settings["noisy"] = True
-        settings["latency"], settings["difference"] = self.latency, self.difference or 0
         if self.latency or self.difference:
             settings["history"] = 1 + max(self.latency, self.difference or 1)
         if ends(self.dropout)[1] > 0.0:
             settings["dropout_length"] = self.dropout_length
-        packer.vary("dropout", self.dropout, "encoder.dropout")
         settings["low_pass"] = 1.0
         if self.low_pass is not None:
             settings["low_pass"] = 1.0 - exp(-2 * math.pi * self.low_pass * packer.scenario.control_dt)

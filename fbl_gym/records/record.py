@@ -13,7 +13,8 @@ several fields goes into `validate`.
 The functions that declare a field share these arguments: `default`, without which the field must be
 given, and which makes it optional if it is None; `unit`; `tune`, the range in which `fbl-gym tune`
 searches a gain; `varies`, True if a `Distribution` is valid in place of a number; `optional`, True
-if None is valid whatever the default; and the bounds `low`, `high` and `above` of `check_number`.
+if None is valid whatever the default; the bounds `low`, `high` and `above` of `check_number`; and
+`kernel`, `scale` and `none`, by which the value reaches the kernel, see `Declaration`.
 """
 
 import contextlib
@@ -23,7 +24,7 @@ import math
 import re
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import MISSING, dataclass
-from typing import Any, TypeAlias, TypeVar
+from typing import Any, ClassVar, TypeAlias, TypeVar
 
 import numpy as np
 
@@ -55,6 +56,12 @@ class Declaration:
         tune: range in which `fbl-gym tune` searches a gain; None: it is not tuned.
         optional: True if None is valid.
         classes: the records that the field may hold.
+        varies: True if a distribution is valid.
+        kernel: name under which the kernel has the value; empty: it has not.
+        dtype: of the kernel's number.
+        scale: the kernel's number / the value, or a function of the scenario that returns it.
+        none: the kernel's value in place of None; None: it keeps its zero.
+        names: the valid names, which the kernel numbers in this order.
     """
 
     convert: Callable[[str, Any], Any]
@@ -63,6 +70,18 @@ class Declaration:
     tune: Range | None = None
     optional: bool = False
     classes: tuple[type, ...] = ()
+    varies: bool = False
+    kernel: str = ""
+    dtype: Any = float
+    scale: float | Callable[[Any], float] = 1.0
+    none: Any = None
+    names: tuple[str, ...] = ()
+
+    def number(self, value: Any, scenario: Any) -> Any:
+        """Return the kernel's number of a value: a number, a distribution, or a pair of them."""
+        if self.names:
+            return self.names.index(value)
+        return scaled(value, self.scale(scenario) if callable(self.scale) else self.scale)
 
 
 class Record:
@@ -83,6 +102,39 @@ class Record:
         """Refuse values that do not fit together. Called after each field has been checked."""
 
 
+class Option(Record):
+    """Base of the records of a task, from whose declarations the kernel's memory follows.
+
+    The kernel gets each field that declares `kernel`, the name of its number there: from a setting,
+    or, if it varies, from a row of a block, which each episode fills. `pack` writes other numbers.
+
+    Attributes:
+        derived: the types of the settings that `pack` writes, by name.
+        drawn: the types of the numbers that may vary and that `pack` writes, by name.
+    """
+
+    derived: ClassVar[Mapping[str, Any]] = {}
+    drawn: ClassVar[Mapping[str, Any]] = {}
+
+    def check(self, scenario: Any) -> None:
+        """Refuse values that do not fit the rest of a scenario."""
+
+    def pack(self, packer: Any) -> None:
+        """Write `derived` and `drawn` by the packer of `kernel/memory/program.py`.
+
+        Options that share a setting add to it, so that their order does not matter.
+        """
+
+    def facts(self, scenario: Any) -> dict[str, Any]:  # noqa: ARG002
+        """Return what policies are told, as fields of `Interface`."""
+        return {}
+
+
+def steps(scenario: Any) -> float:
+    """Return the scale of a time that the kernel counts in physics steps."""
+    return 1 / scenario.physics_dt
+
+
 def declared(
     default: Any,
     convert: Callable[[str, Any], Any],
@@ -100,27 +152,28 @@ def declared(
 def number(
     default: Any = MISSING,
     *,
-    unit: str = "",
-    tune: Range | None = None,
     varies: bool = False,
-    optional: bool = False,
     joints: bool = False,
-    **bounds: Any,
+    low: float = -math.inf,
+    high: float = math.inf,
+    above: float | None = None,
+    **options: Any,
 ) -> Any:
     """Declare a finite number; with `joints`, one or two, where one stands for both joints."""
+    bounds: Any = {"low": low, "high": high, "above": above}
     check: Any = functools.partial(_check_varying if varies else check_number, **bounds)
     form = ("a number or distribution" if varies else "a number") + bounds_text(**bounds)
     if joints:
         form = form.replace("a number", "one or two numbers").replace("distribution", "distributions")
         check = functools.partial(check_pair, check=check)
-    return declared(default, check, form, unit, tune=tune, optional=optional)
+    return declared(default, check, form, varies=varies, dtype=(float, 2) if joints else float, **options)
 
 
 pair = functools.partial(number, joints=True)
 """Declare one number per joint; a single number or distribution stands for both joints."""
 
 
-def whole(default: Any = MISSING, *, low: int = 0, high: float = math.inf, varies: bool = False) -> Any:
+def whole(default: Any = MISSING, *, low: int = 0, high: float = math.inf, varies: bool = False, **options: Any) -> Any:
     """Declare a whole number within bounds; draws of a distribution are to be rounded."""
 
     def convert(name: str, value: Any) -> Any:
@@ -128,13 +181,15 @@ def whole(default: Any = MISSING, *, low: int = 0, high: float = math.inf, varie
             return _check_varying(name, value, low=low, high=high)
         return check_whole(name, value, low=low, high=high)
 
-    return declared(default, convert, f"a whole number{' or distribution' * varies}{bounds_text(low, high)}")
+    form = f"a whole number{' or distribution' * varies}{bounds_text(low, high)}"
+    return declared(default, convert, form, varies=varies, dtype=float if varies else int, **options)
 
 
-def choice(default: Any, known: Iterable[str]) -> Any:
+def choice(default: Any, known: Iterable[str], **options: Any) -> Any:
     """Declare one of several names."""
     known = tuple(known)
-    return declared(default, functools.partial(check_choice, known=known), _names(known))
+    check = functools.partial(check_choice, known=known)
+    return declared(default, check, _names(known), dtype=int, names=known, **options)
 
 
 def choices(default: Any, known: Iterable[str]) -> Any:
@@ -148,13 +203,13 @@ def table(default: Any = MISSING, *, unit: str = "") -> Any:
     return declared(default, check_table, "an array [n x 2]", unit)
 
 
-def record(cls: type, default: Any = MISSING, *, scalar: str | None = None) -> Any:
+def record(cls: type, default: Any = MISSING, *, scalar: str | None = None, none: Any = None) -> Any:
     """Declare a record, which may be given as a dict of its fields.
 
     `scalar` is the field that a bare value stands for; without it, a bare value is refused.
     """
     form = either((_article(cls), "a dict of its fields", *([f"its {scalar}"] if scalar else [])))
-    return declared(default, functools.partial(build, cls=cls, scalar=scalar), form, classes=(cls,))
+    return declared(default, functools.partial(build, cls=cls, scalar=scalar), form, classes=(cls,), none=none)
 
 
 def one_of(classes: tuple[type, ...], default: Any = MISSING) -> Any:

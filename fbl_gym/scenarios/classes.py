@@ -22,7 +22,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from fbl_gym.model.arm import ArmParameters, Array
+from fbl_gym.model.arm import ArmParameters, stretched_inertia
 from fbl_gym.options import DriveChange, FlexibleLink, FourierReference, FrictionChange, Knock, MinimumJerk, PickUp
 from fbl_gym.records.record import merged
 from fbl_gym.scenarios.families import Family, Tier
@@ -83,12 +83,6 @@ def _load(robot: str) -> RobotClass:
 
 CLASSES = {robot: _load(robot) for robot in ("servo", "direct", "geared")}
 """The classes of robots, by name."""
-
-
-def stretched_inertia(arm: ArmParameters) -> Array:
-    """Return the inertia of the stretched links about each joint [2] kg m^2, without rotors."""
-    p1, p2, p3, _, _ = arm.lumped
-    return np.array([p1 + p2 + 2 * p3, p2])
 
 
 class _Scale:

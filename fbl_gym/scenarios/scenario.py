@@ -7,7 +7,7 @@ import json
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any, Literal
+from typing import Any, ClassVar, Literal
 
 from fbl_gym.interface import class_of
 from fbl_gym.model.arm import ARMS, TABLE_1, ArmParameters, Links
@@ -23,7 +23,7 @@ from fbl_gym.options.plants import PLANTS
 from fbl_gym.options.references import REFERENCES, MinimumJerk, Reference
 from fbl_gym.options.sensors import SENSORS, Encoder, Noise
 from fbl_gym.records.checks import Pair, check_choice, unknown
-from fbl_gym.records.record import Numbers, Record, build, choice, choices, declared, ends, number, one_of, pair, record
+from fbl_gym.records.record import Numbers, Option, build, choice, choices, declared, ends, number, one_of, pair, record
 
 
 def as_arm(name: str, value: Any) -> ArmParameters:
@@ -53,7 +53,7 @@ MAX_SUBSTEPS = 10_000
 
 
 @dataclass(frozen=True)
-class Scenario(Record):
+class Scenario(Option):
     """One task. Each field takes its record or the plain data that makes one.
 
     None switches off parameter_error, noise, encoder, friction, disturbance and the limits of the
@@ -98,10 +98,10 @@ class Scenario(Record):
         "the path of a .urdf file (or FILE.urdf:TIP), " + ", ".join(f'"{name}"' for name in ARMS | REAL_ARMS),
         classes=(ArmParameters,),
     )
-    parameter_error: ParameterError | None = record(ParameterError, None, scalar="ratio")
+    parameter_error: ParameterError | None = record(ParameterError, None, scalar="ratio", none=ParameterError())
     noise: Noise | None = record(Noise, None)
     encoder: Encoder | None = record(Encoder, None, scalar="counts")
-    friction: Friction | None = record(Friction, None)
+    friction: Friction | None = record(Friction, None, none=Friction())
     disturbance: Disturbance | None = one_of(DISTURBANCES, None)
     actuator: Actuator = declared(
         Actuator(), _actuator, "an Actuator, a dict of its fields, its torque_limit or None", classes=(Actuator,)
@@ -112,15 +112,19 @@ class Scenario(Record):
     events: tuple[Event, ...] = events()
     sensors: tuple[str, ...] = choices(SENSORS, SENSORS)
     reference: Reference = one_of(REFERENCES, MinimumJerk())
-    control_dt: float = number(0.01, unit="s", above=0)
-    physics_dt: float = number(0.001, unit="s", above=0)
+    control_dt: float = number(0.01, unit="s", above=0, kernel="control_dt")
+    physics_dt: float = number(0.001, unit="s", above=0, kernel="physics_dt")
     duration: float = number(10.0, unit="s", above=0, high=1e6)
-    initial_error: Numbers = pair(0.0, unit="rad", varies=True)
-    initial_velocity: Numbers = pair(0.0, unit="rad/s", varies=True)
+    initial_error: Numbers = pair(0.0, unit="rad", varies=True, kernel="initial_error")
+    initial_velocity: Numbers = pair(0.0, unit="rad/s", varies=True, kernel="initial_velocity")
     limits: Limits = record(Limits, Limits())
-    constraints: Constraints | None = record(Constraints, None)
+    constraints: Constraints | None = record(Constraints, None, none=Constraints())
     plant: MuJoCo | None = one_of(PLANTS, None)
-    drawn_per: Literal["episode", "seed"] = choice("episode", ("episode", "seed"))
+    drawn_per: Literal["episode", "seed"] = choice("episode", ("episode", "seed"), kernel="drawn_per_seed")
+
+    derived: ClassVar = {
+        "substeps": int, "real_rotor": (float, 2), "external_physics": bool, "senses_acceleration": bool,
+    }  # fmt: skip
 
     def validate(self) -> None:
         """Refuse times that do not divide, too many steps, and options that do not fit together."""
@@ -134,12 +138,20 @@ class Scenario(Record):
                 "give a longer physics_dt, or less plant.substeps"
             )
         self.check_multiple("duration", self.duration, "control_dt", least=1)
-        for option in (
-            self.noise, self.encoder, self.actuator, *self.events, self.friction, self.joint, self.link,
-            self.reference, self.disturbance, self.datasheet,
-        ):  # fmt: skip
-            if option is not None:
-                option.check(self)
+        for option in self.options:
+            option.check(self)
+
+    @property
+    def options(self) -> list[Option]:
+        """Return the records of the options that are on."""
+        return [option for option in (*vars(self).values(), *self.events) if isinstance(option, Option)]
+
+    def pack(self, packer: Any) -> None:
+        """Write rates, rotors and the kind of physics."""
+        settings = packer.settings
+        settings["substeps"], settings["real_rotor"] = self.substeps, self.rotor
+        settings["external_physics"] = self.plant is not None
+        settings["senses_acceleration"] = "acceleration" in self.sensors
 
     def check_multiple(self, name: str, duration: float, dt_name: str, least: int = 0) -> None:
         """Refuse a duration that is no multiple of a time step, or less than `least` steps."""
@@ -153,9 +165,12 @@ class Scenario(Record):
     def check_springs(self) -> None:
         """Refuse elastic joints or links that bend too fast for the physics step."""
         # The lightest links are the fastest. Lengths may act either way.
-        options = self.least_rotor, self.most_viscous, self.joint, self.link
+        options = self.arm, self.least_rotor, self.most_viscous, self.joint, self.link
         rate = max(fastest_rate(arm, *options) for arm in self.lightest)
-        joints, links = "these joints (joint.stiffness, joint.damping)", "these links (link.frequency, link.damping)"
+        joints, links = (
+            "these joints (joint.stiffness, frequency, damping)",
+            "these links (link.frequency, link.damping)",
+        )
         self.check_rate(joints if self.link is None else links, rate, LARGEST_STEP)
 
     def check_rate(self, cause: str, rate: float, most: float) -> None:

@@ -41,8 +41,13 @@ def test_what_follows_is_right():
     assert follows(flat)["largest Coulomb friction"] == "1, 2.5 % of the limit"
     assert "torque limit / weight" not in follows(flat)
     stiff = {"stiffness": (1e9, 4e4), "rotor_inertia": 1.0}
-    modes = follows(Scenario(joint=stiff, physics_dt=1e-6, duration=0.01))["modes of the stretched links, motors held"]
-    assert float(modes.split(",")[0]) == pytest.approx(np.sqrt(4e4 / 3.75) / (2 * np.pi), rel=0.01)
+    stiff = follows(Scenario(joint=stiff, physics_dt=1e-6, duration=0.01))
+    rate = np.sqrt(4e4 / 3.75) / (2 * np.pi)
+    assert float(stiff["modes of the stretched links, motors held"].split(",")[0]) == pytest.approx(rate, rel=0.01)
+    spring = {"frequency": (15.0, rate), "rotor_inertia": 1.0}
+    for facts in (stiff, follows(Scenario(joint=spring, physics_dt=1e-4))):
+        assert facts["stiffness of the joints"].endswith(", 4e+04 N m/rad")
+        assert facts["frequency of each stretched joint alone, motor held"].endswith(f", {rate:.3g} Hz")
     bent = Scenario(link={"frequency": (8.0, 300.0)}, physics_dt=1e-5, duration=0.01)
     assert float(follows(bent)["modes of the links, joints held"].split(",")[0]) == pytest.approx(8.0, rel=0.01)
     assert "links that bend" in follows(bent)["most like"]

@@ -16,6 +16,8 @@ from fbl_gym.records.record import Declaration, declarations
 TABLE, OTHER_TABLE = ((-1.0, 0.5), (-1.5, 0.75)), ((-1.0, 0.5), (-1.25, 0.0))
 BASES = {
     ElasticJoint: {"stiffness": 1e3, "rotor_inertia": 0.5},
+    "joint.frequency": {"stiffness": None, "frequency": 1.0},
+    "joint.stiffness": {"frequency": None},
     "encoder.low_pass": {"difference": 2},
     "encoder.dropout_length": {"dropout": 0.5},
     "actuator.ripple_order": {"ripple": 1.0},

@@ -2,13 +2,16 @@
 
 import contextlib
 import gc
-import importlib
+import importlib.util
 import os
 import pkgutil
+import shutil
 import subprocess
 import sys
 from collections import defaultdict
+from pathlib import Path
 
+import grimp
 import pytest
 from numba.core import config
 from numba.core.dispatcher import Dispatcher
@@ -113,11 +116,22 @@ def test_a_configuration_in_the_current_folder_does_not_move_the_cache(tmp_path,
     assert str(tmp_path) == config.CACHE_DIR
 
 
-def test_a_change_of_any_source_changes_the_key():
-    """Numba itself notices changes in the file of a cached function only."""
+def test_a_change_of_any_source_changes_the_key(tmp_path):
+    """Numba itself notices changes in the file of a cached function only; the layout follows from the options."""
+    package = Path(fbl_gym.__file__).parent
+    copy = Path(shutil.copytree(package, tmp_path / "fbl_gym", ignore=shutil.ignore_patterns("__pycache__")))
+    digests = {fastmath.digest(copy)}
+    sources = sorted(grimp.build_graph("fbl_gym", cache_dir=None).find_upstream_modules("fbl_gym.kernel.step.api"))
+    assert {"fbl_gym.options.actuator", "fbl_gym.records.record", "fbl_gym.scenarios.scenario"} <= {*sources}
+    for name in sources:
+        file = copy / Path(importlib.util.find_spec(name).origin).relative_to(package)
+        file.write_bytes(file.read_bytes() + b"#")
+        digests.add(fastmath.digest(copy))
+    assert len(digests) == 1 + len(sources)
+    assert fastmath.digest(package) == fastmath._DIGEST
     keys = {step._cache._index_key(None, step.targetctx.codegen()) for step in api.STEPS}
     assert len({step._cache._impl.filename_base for step in api.STEPS}) == len(api.STEPS)
-    assert {key[-1] for key in keys} == {fastmath._SOURCES.hexdigest()}
+    assert {key[-1] for key in keys} == {fastmath._DIGEST}
 
 
 @pytest.mark.parametrize(

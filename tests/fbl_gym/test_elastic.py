@@ -184,10 +184,34 @@ def test_the_fastest_rate_is_the_textbooks():
     """A single joint on a heavy link has the rate sqrt(K (1/B + 1/M)); a strong damper has D (1/B + 1/M)."""
     arm = ArmParameters.from_links((50.0, 0.001), (1.0, 1.0), (1.0, 1.0), (0.0, 0.0))
     m = inertia_matrix(arm, (0.0, 0.0))[0, 0]
-    soft = fastest_rate(arm, (0.5, 1e3), (0.0, 0.0), ElasticJoint((800.0, 1e-6)), None)
+    soft = fastest_rate(arm, arm, (0.5, 1e3), (0.0, 0.0), ElasticJoint((800.0, 1e-6)), None)
     assert soft == pytest.approx(np.sqrt(800.0 * (1 / 0.5 + 1 / m)), rel=1e-3)
-    damped = fastest_rate(arm, (0.5, 1e3), (0.0, 0.0), ElasticJoint((1e-3, 1e-6), damping=(100.0, 0.0)), None)
+    damped = fastest_rate(arm, arm, (0.5, 1e3), (0.0, 0.0), ElasticJoint((1e-3, 1e-6), damping=(100.0, 0.0)), None)
     assert damped == pytest.approx(100.0 * (1 / 0.5 + 1 / m), rel=1e-3)
+
+
+def test_a_frequency_is_that_of_a_joint_alone_and_nothing_else():
+    """A knock on the second joint, with motors and first link held by their inertia; then the same springs in N m/rad."""
+    arm = ArmParameters(m1=1e6, gravity=0.0)
+    joint = {"frequency": (3.0, {"uniform": [8.0, 12.0]}), "rotor_inertia": 1e6}
+    options = {
+        "arm": arm,
+        "reference": {**HELD, "amplitude": 0.0},
+        "actuator": {"torque_limit": 1e9},
+        "control_dt": 1e-3,
+    }
+    options["events"] = [{"kind": "knock", "time": 0.0, "impulse": (0.0, 0.1)}]
+    env = started(joint=joint, **options)
+    inertia, (low, high) = inertia_matrix(arm, (0.0, 0.0)).diagonal(), np.array(env.interface.stiffness)
+    np.testing.assert_allclose(low, inertia * (2 * np.pi * np.array([3.0, 8.0])) ** 2, rtol=1e-12)
+    np.testing.assert_allclose(high, inertia * (2 * np.pi * np.array([3.0, 12.0])) ** 2, rtol=1e-12)
+    assert np.all((low <= env.truth.stiffness) & (env.truth.stiffness <= high))
+    rate = np.sqrt(env.truth.stiffness[1] / inertia[1])
+    truths = truths_of(env, np.zeros((300, 2)))
+    swing = np.array([truth.position[1] - 0.4 for truth in truths])
+    np.testing.assert_allclose(swing, 0.1 / inertia[1] / rate * np.sin(rate * 1e-3 * np.arange(301)), atol=1e-4)
+    stiff = started(joint={"stiffness": tuple(env.truth.stiffness), "rotor_inertia": 1e6}, **options)
+    assert same(truths, truths_of(stiff, np.zeros((300, 2))), *vars(env.truth))
 
 
 def test_stribeck_friction_acts_on_the_motors():

@@ -40,7 +40,13 @@ RANGES = {
     "disturbance": {"amplitude": (0, 1e3), "frequency": (0, 25), "phase": (-7, 7)},
     "actuator": {"torque_limit": (0.1, 1e5), "lag": (0, 10), "delay_samples": (0, 3), "gain": (0, 2)},
     "actuator.r": {"rate_limit": (1e-3, 1e6), "ripple": (0, 50), "ripple_order": (0.1, 500)},
-    "joint": {"stiffness": (1, 1e5), "rotor_inertia": (0.01, 5), "damping": (0, 50), "backlash": (0, 0.5)},
+    "joint": {
+        "stiffness": (1, 1e5),
+        "frequency": (0.1, 20),
+        "rotor_inertia": (0.01, 5),
+        "damping": (0, 50),
+        "backlash": (0, 0.5),
+    },
     "link": {"frequency": (1, 6), "damping": (0, 0.2)},
     "datasheet": {"delay lag latency": (0, 0.1), "position_noise velocity_noise acceleration_noise": (0, 1)},
     "datasheet.": {"rate_limit stiffness damping rotor_inertia backlash": (1e-3, 1e3)},
@@ -176,11 +182,12 @@ def make_valid(options):
     while "joint" in options:  # until it is soft enough for the step
         joint = options["joint"] = {"rotor_inertia": 1.0, **without(options["joint"], "damping")}
         joint["rotor_inertia"] = joint["rotor_inertia"] or 1.0
+        joint["stiffness"] = None if joint.get("frequency") is not None else joint.get("stiffness") or 1e3
         try:
             Scenario(**{name: options[name] for name in PLANT if name in options})
             break
         except ValueError:
-            joint["stiffness"] = 1.0 if joint["stiffness"] != 1.0 else 0.01
+            joint["frequency"], joint["stiffness"] = None, 1.0 if joint["stiffness"] != 1.0 else 0.01
             if joint["stiffness"] == 0.01:
                 del options["joint"]
     if "datasheet" in options:

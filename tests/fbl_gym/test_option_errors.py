@@ -64,6 +64,11 @@ def with_position_noise(**fields):
         ({"arm": {"gravity": 1e308}}, r"arm must have inertia about both joints, .*gravity=1e\+308"),
         ({"actuator": {"torque_limit": 1e200}, "action": "torque"}, r"torque_limit must be .* not above 1e\+30"),
         ({"joint": 1000.0}, r"need rotors: give joint.rotor_inertia or arm.rotor"),
+        (
+            {"joint": {**JOINT, "frequency": 9.0}},
+            "give one of stiffness .* and frequency .*; got stiffness=.*frequency=",
+        ),
+        ({"joint": {"rotor_inertia": 0.5}}, "give one of stiffness .* and frequency"),
         ({"joint": {**JOINT, "stiffness": {"choice": [500.0, 1e8]}}}, "too long for these joints"),
         ({"joint": JOINT, "friction": {"law": "literal"}}, r"friction\.law must be 'exact' with elastic joints"),
         ({"plant": "mujoco", "friction": {"law": "literal"}}, r"friction\.law must be 'exact' .* in MuJoCo"),

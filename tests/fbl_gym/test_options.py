@@ -9,6 +9,7 @@ import functools
 import json
 import math
 import re
+from collections import defaultdict
 
 import gymnasium as gym
 import numpy as np
@@ -78,6 +79,14 @@ def packed(options):
 @each([field for field in LEAVES if not field.path.startswith(("plant", "datasheet"))])
 def test_an_option_reaches_the_program(field):
     assert packed(field.given(field.values[0])) != packed(field.options())
+
+
+def test_a_number_of_the_kernel_has_one_option():
+    """Kinds of one field take turns, and so do the two fields of a spring."""
+    streams = defaultdict(set)
+    for field in LEAVES:
+        streams[field.declaration.kernel].add(field.stream)
+    assert {name for name, paths in streams.items() if len(paths) > 1} == {"", "stiffness"}
 
 
 WRONG = (math.nan, math.inf, -math.inf, True, np.bool_(False), "1.0", b"1", 1j, {1.0}, object, object())

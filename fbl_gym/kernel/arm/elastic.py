@@ -172,9 +172,12 @@ def motor_friction(w, b1, b2, joint, friction):
 
 
 @kernel_njit
-def start_motors(block, lane):
+def start_motors(block, settings, lane):
     """Put the motors of a lane to where the springs carry the torque of the drives."""
     for i in range(2):
+        inertia, rate = settings.stretched_inertia[i], block.stiffness[i, lane]
+        if inertia > 0.0:  # until now the row has a natural frequency [rad/s]
+            block.stiffness[i, lane] = inertia * (rate * rate)
         tau = block.torque[i, lane]
         stretch = tau / block.stiffness[i, lane] + 0.5 * block.backlash[i, lane] * sign(tau)
         block.motor_position[i, lane] = block.position[i, lane] + stretch

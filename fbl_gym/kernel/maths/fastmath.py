@@ -47,10 +47,17 @@ def named(function: Any, *parts: object) -> Any:
     return function
 
 
-_PACKAGE = Path(__file__).parents[2]
-_SOURCES = hashlib.sha256()
-for _path in (*sorted((_PACKAGE / "model").rglob("*.py")), *sorted((_PACKAGE / "kernel").rglob("*.py"))):
-    _SOURCES.update(_path.read_bytes())
+def digest(package: Path) -> str:
+    """Return a hash of the sources of `fbl_gym` that compiled code depends on.
+
+    They are the kernel, and all that `kernel/memory/layout.py` reads to lay out its memory.
+    """
+    patterns = "*.py", "kernel/**/*.py", "model/*.py", "options/*.py", "records/*.py", "scenarios/scenario.py"
+    files = sorted(path for pattern in patterns for path in package.glob(pattern))
+    return hashlib.sha256(b"".join(path.read_bytes() for path in files)).hexdigest()
+
+
+_DIGEST = digest(Path(__file__).parents[2])
 
 
 class _Cache(caching.FunctionCache):
@@ -76,7 +83,7 @@ class _Cache(caching.FunctionCache):
         Numba's own key hashes what a closure refers to. A compiled function among it has another
         hash in each process.
         """
-        return sig, codegen.magic_tuple(), _SOURCES.hexdigest()
+        return sig, codegen.magic_tuple(), _DIGEST
 
 
 def cached_njit(function: Any) -> Any:

@@ -1,7 +1,8 @@
-"""A scenario in numbers: its options packed into the settings and tables of `memory.py`."""
+"""A scenario in numbers: its options packed into the settings and tables of `layout.py`."""
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Any
 
@@ -14,9 +15,9 @@ from fbl_gym.kernel.maths.streams import stream_key
 from fbl_gym.kernel.memory import layout as memory
 from fbl_gym.kernel.memory.layout import FIRST_VARIED, LANES, SETTINGS, VARIED
 from fbl_gym.model.arm import Array
-from fbl_gym.options import EVENTS, SENSORS, Constraints, Friction, ParameterError, Reward
+from fbl_gym.options import EVENTS, SENSORS, Event, Reward
 from fbl_gym.records.checks import check_choice, check_whole
-from fbl_gym.records.record import Distribution, scaled
+from fbl_gym.records.record import Distribution, Option, declarations
 from fbl_gym.scenarios import Scenario
 
 Settings = NDArray[np.void]
@@ -60,60 +61,44 @@ def make_program(
         autoreset: `memory.NO_AUTORESET`, `NEXT_STEP` or `SAME_STEP`.
     """
     packer = _Packer(scenario)
-    settings, tables, arm = packer.settings, packer.tables, scenario.arm
-    settings["autoreset"] = autoreset
-    settings["substeps"] = scenario.substeps
-    settings["control_dt"], settings["physics_dt"] = scenario.control_dt, scenario.physics_dt
-    settings["last_step"] = min(scenario.steps, max_episode_steps or scenario.steps)
-    for name in ("initial_error", "initial_velocity"):
-        packer.vary(name, getattr(scenario, name), name)
-    settings["drawn_per_seed"] = scenario.drawn_per == "seed"
-    settings["parameters"], settings["ratio"] = (arm.m1, arm.m2, arm.L1, arm.L2), 1.0
-    for name in ("gravity", "centre", "inertia", "rotor"):
-        settings[name] = getattr(arm, name)
-    settings["real_rotor"] = scenario.rotor
-    settings["external_physics"] = scenario.plant is not None
-    settings["senses_acceleration"] = "acceleration" in scenario.sensors
-    for name in ("payload_pick_up", "payload_drop"):
-        packer.vary(name, np.inf, "")
-    friction, disturbance, reference = scenario.friction, scenario.disturbance, scenario.reference
-    if friction is not None and friction.is_dry:
-        settings["friction_law"] = memory.FRICTION_LAWS[friction.law]
-    if disturbance is not None:
-        settings["disturbance_kind"] = memory.DISTURBANCES[disturbance.kind]
-    options = (
-        scenario.parameter_error or ParameterError(), scenario.encoder, scenario.noise, friction or Friction(),
-        scenario.joint, scenario.link, scenario.actuator, disturbance, scenario.limits, scenario.constraints or Constraints(),
-    )  # fmt: skip
-    for option in options:
-        if option is not None:
-            option.pack(packer)
-    settings["reference_kind"], settings["reference_table"] = memory.REFERENCES[reference.kind], len(tables)
-    settings["waypoints"] = reference.pack(packer)
-    reward.pack(settings)
-    preview = check_whole("preview", preview, high=100_000)
-    past_actions = check_whole("past_actions", past_actions, high=100_000)
-    settings["past_actions"] = max(int(settings["past_actions"]), past_actions)
-    # The rows of a block after its fields: queue, way-points, actions, readings, events.
-    settings["past_row"] = memory.ROWS + 3 * (int(settings["delay_steps"]) + 1) + 2 * int(settings["waypoints"])
-    settings["history_row"] = settings["past_row"] + 2 * settings["past_actions"]
-    settings["event_row"] = settings["history_row"] + 4 * settings["history"]
-    settings["events"], settings["event_table"] = len(scenario.events), len(tables)
-    tables.extend(EVENTS.index(type(event)) for event in scenario.events)
+    settings = packer.settings
+    packer.add(scenario)
+    packer.add(reward, "reward.")
+    least = check_whole("past_actions", past_actions, high=100_000)
+    settings["past_actions"] = max(int(settings["past_actions"]), least)
+    settings["events"] = len(scenario.events)
+    _lay_rows(settings)
     for i, event in enumerate(scenario.events):
-        event.pack(packer, int(settings["event_row"]) + memory.EVENT_ROWS * i, f"events.{i}")
-    settings["block_size"] = LANES * (settings["event_row"] + memory.EVENT_ROWS * settings["events"])
-    interface = _make_interface(scenario, action, settings, preview)
-    settings["action_kind"] = ACTIONS.index(action)
-    settings["action_limit"] = interface.action_limit
+        packer.add_event(event, int(settings["event_row"]) + memory.EVENT_ROWS * i, f"events.{i}.")
+    settings["event_table"] = packer.table(EVENTS.index(type(event)) for event in scenario.events)
+    settings["varied"], settings["draws"] = packer.fixed, len(packer.draws)
+    settings["draw_table"] = packer.table(number for draw in packer.draws for number in draw)
+    settings["preview"] = check_whole("preview", preview, high=100_000)
+    interface = _make_interface(scenario, action, settings)
+    settings["action_kind"], settings["action_limit"] = ACTIONS.index(action), interface.action_limit
+    settings["last_step"] = min(scenario.steps, max_episode_steps or scenario.steps)
+    settings["autoreset"] = autoreset
     _pack_observation(settings, interface)
-    settings["varied"], settings["draws"], settings["draw_table"] = packer.fixed, len(packer.draws), len(tables)
-    tables.extend(number for draw in packer.draws for number in draw)
-    return Program(interface, settings, np.array(tables))
+    return Program(interface, settings, np.array(packer.tables))
+
+
+def _lay_rows(settings: Settings) -> None:
+    """Set the first row of each kind that a block has after its fields, and the block's size."""
+    row = memory.ROWS
+    for name, count in (
+        ("queue_row", 3 * (settings["delay_steps"] + 1)),
+        ("waypoint_row", 2 * settings["waypoints"]),
+        ("past_row", 2 * settings["past_actions"]),
+        ("history_row", 4 * settings["history"]),
+        ("event_row", memory.EVENT_ROWS * settings["events"]),
+    ):
+        settings[name] = row
+        row += int(count)
+    settings["block_size"] = LANES * row
 
 
 class _Packer:
-    """The numbers of a scenario that is being packed, to which each option adds its own by `pack`.
+    """The numbers of a scenario that is being packed.
 
     Attributes:
         scenario: the whole one, for its rates and for what options mean to each other.
@@ -130,37 +115,64 @@ class _Packer:
         self.fixed = np.zeros(VARIED.itemsize // 8)
         self.draws: list[tuple[float, ...]] = []
 
-    def vary(self, field: str, value: Any, path: str, *, scale: float = 1.0, first: int = 0) -> None:
-        """Set a field of `memory.VARIED`, from its number `first` on, to a scaled value.
+    def add(self, option: Option, path: str = "") -> None:
+        """Pack the declared fields of an option, the options in it, and what they derive.
+
+        `path` is the text before each field's name; both name the field's random stream.
+        """
+        for name, field in declarations(type(option)).items():  # type: ignore[arg-type]
+            value = field.none if getattr(option, name) is None else getattr(option, name)
+            if isinstance(value, Option):
+                self.add(value, f"{path}{name}.")
+            elif field.kernel and value is not None and field.varies:
+                self.vary(field.kernel, field.number(value, self.scenario), path + name)
+            elif field.kernel and value is not None:
+                self.settings[field.kernel] = field.number(value, self.scenario)
+        option.pack(self)
+
+    def add_event(self, event: Event, row: int, path: str) -> None:
+        """Pack an event: its time into a row of a block, and its size into the next one or two."""
+        for name, field in declarations(type(event)).items():  # type: ignore[arg-type]
+            if name != "kind":
+                number = field.number(getattr(event, name), self.scenario)
+                self._vary_rows(row + (name != "time"), number, path + name)
+        event.pack(self)
+
+    def table(self, values: Iterable[float]) -> int:
+        """Add numbers to the tables, and return the index of the first one."""
+        first = len(self.tables)
+        self.tables.extend(values)
+        return first
+
+    def vary(self, field: str, value: Any, path: str, *, first: int = 0) -> None:
+        """Set a field of `memory.VARIED`, from its number `first` on.
 
         The value is a number, a distribution, or a pair of them. The option's path names the random
         stream.
         """
-        self.vary_row(memory.rows(field)[first], value, path, scale)
+        self._vary_rows(memory.rows(field)[first], value, path)
 
-    def vary_row(self, row: int, value: Any, path: str, scale: float = 1.0) -> None:
+    def _vary_rows(self, row: int, value: Any, path: str) -> None:
         """Set a row of a block, or the rows of both joints, as `vary` does."""
         for joint, number in enumerate(value if isinstance(value, tuple) else (value,)):
-            index, number = row + joint - FIRST_VARIED, scaled(number, scale)
-            if isinstance(number, Distribution):
+            index = row + joint - FIRST_VARIED
+            if isinstance(number, Distribution) or index >= len(self.fixed):  # other rows have no fixed value
                 self._draw(row + joint, joint, number, path)
-            elif index < len(self.fixed):
+            else:
                 self.fixed[index] = number
-            else:  # other rows have no fixed value
-                self._draw(row + joint, joint, Distribution(uniform=(number, number)), path)
 
-    def _draw(self, row: int, joint: int, number: Distribution, path: str) -> None:
-        values = number.values
+    def _draw(self, row: int, joint: int, number: Any, path: str) -> None:
+        distribution = number if isinstance(number, Distribution) else Distribution(uniform=(number, number))
+        values = distribution.values
         kind, first, second = float(memory.UNIFORM), values[0], values[-1]
-        if number.choice is not None:
-            kind, first, second = memory.CHOICE, len(self.tables), len(values)
-            self.tables.extend(values)
-        elif number.log_uniform is not None:
+        if distribution.choice is not None:
+            kind, first, second = memory.CHOICE, self.table(values), len(values)
+        elif distribution.log_uniform is not None:
             kind, second = memory.LOG_UNIFORM, log1p(values[1] / values[0] - 1.0)
         self.draws.append((row, joint, kind, first, second, *divmod(int(stream_key(path)), 2**32)))
 
 
-def _make_interface(scenario: Scenario, action: str, settings: Settings, preview: int) -> Interface:
+def _make_interface(scenario: Scenario, action: str, settings: Settings) -> Interface:
     """Return the interface of a scenario; check that its action is possible."""
     check_choice("action", action, ACTIONS)
     limits, limit = scenario.limits, scenario.actuator.torque_limit
@@ -179,12 +191,12 @@ def _make_interface(scenario: Scenario, action: str, settings: Settings, preview
                 f"action='acceleration' linearises with the measured velocity, but sensors={scenario.sensors} has none"
             )
         bound, unit = (limits.command,) * 2, "rad/s^2"
-    layout = make_layout(scenario.sensors, limits, bound, unit, int(settings["past_actions"]), preview)
-    datasheet = scenario.actuator.datasheet(scenario)
-    for option in (scenario.noise, scenario.encoder, scenario.joint):
-        datasheet |= {} if option is None else option.datasheet(scenario)
+    layout = make_layout(scenario.sensors, limits, bound, unit, int(settings["past_actions"]), int(settings["preview"]))
+    datasheet: dict[str, Any] = {}
+    for option in scenario.options:
+        datasheet |= option.facts(scenario)
     if scenario.datasheet is not None:
-        datasheet = scenario.datasheet.datasheet(datasheet)
+        datasheet = scenario.datasheet.stated(datasheet)
     return Interface(
         nominal=scenario.arm, layout=layout, control_dt=scenario.control_dt, action=action, action_limit=bound,
         resolution=tuple(settings["quantization"][0].tolist()), constraints=scenario.constraints, **datasheet,
@@ -192,16 +204,8 @@ def _make_interface(scenario: Scenario, action: str, settings: Settings, preview
 
 
 def _pack_observation(settings: Settings, interface: Interface) -> None:
-    layout, bounds = interface.layout, interface.layout.bounds[1]
-    settings["observation_size"] = layout.size
-    rows: list[int] = []
-    for slot in layout.slots:
-        if slot.name == "preview":
-            settings["preview"] = slot.size // 6
-        elif slot.name in SENSORS:
-            rows += memory.rows("measured")[2 * SENSORS.index(slot.name) :][:2]
-        elif slot.name != "previous_actions":
-            rows += memory.rows(slot.name)
-    settings["observed"] = len(rows)
-    settings["observed_row"][: len(rows)] = rows
-    settings["observed_bound"][: len(rows)] = bounds[: len(rows)]
+    layout, measured = interface.layout, dict(zip(SENSORS, np.reshape(memory.rows("measured"), (3, 2)), strict=True))
+    names = [slot.name for slot in layout.slots if slot.name not in ("previous_actions", "preview")]
+    rows = np.concatenate([measured.get(name, memory.rows(name)) for name in names])
+    settings["observation_size"], settings["observed"] = layout.size, len(rows)
+    settings["observed_row"][: len(rows)], settings["observed_bound"][: len(rows)] = rows, layout.bounds[1][: len(rows)]

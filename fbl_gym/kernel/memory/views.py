@@ -45,6 +45,12 @@ def array_at(_context, memory, _index, shape, dtype):
 
 
 @inline_njit
+def pair_of(numbers):
+    """Return both joints' numbers of a setting."""
+    return numbers[0], numbers[1]
+
+
+@inline_njit
 def pair(rows, lane):
     """Return both joints' numbers of a lane."""
     return rows[0, lane], rows[1, lane]

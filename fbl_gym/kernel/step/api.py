@@ -8,7 +8,6 @@ from fbl_gym.kernel.arm.physics import acceleration_and_friction, advance_by_law
 from fbl_gym.kernel.maths.fastmath import cached_njit, inline_njit, kernel_njit, merged_njit, named
 from fbl_gym.kernel.memory.layout import (
     BLOCK,
-    BLOCK_SIZE,
     ENDED,
     LANES,
     NEXT_STEP,
@@ -37,10 +36,10 @@ def _count(settings, number):
 @merged_njit
 def _views(memory, settings, number):
     """Return a block, the same memory as rows, its last torque commands, and its way-points."""
-    index, depth = settings.blocks + number * settings.block_size, settings.delay_steps + 1
+    index = settings.blocks + number * settings.block_size
     rows = array_at(memory, index, (settings.block_size // LANES, LANES), np.float64)
-    queue = array_at(memory, index + BLOCK_SIZE, (depth, 3, LANES), np.float64)
-    waypoints = array_at(memory, index + BLOCK_SIZE + 3 * LANES * depth, (settings.waypoints, 2, LANES), np.float64)
+    queue = array_at(memory, index + LANES * settings.queue_row, (settings.delay_steps + 1, 3, LANES), np.float64)
+    waypoints = array_at(memory, index + LANES * settings.waypoint_row, (settings.waypoints, 2, LANES), np.float64)
     return record_at(memory, index, BLOCK), rows, queue, waypoints
 
 
@@ -74,16 +73,6 @@ def _check(memory):
             if block.status[lane % LANES] != RUNNING:
                 return 2 * lane + 1
     return -1
-
-
-@merged_njit
-def _move(block, rows, queue, waypoints, settings, tables, actions, count, width, real, rare, advance, accelerate):
-    """Advance a block by one control step."""
-    command(block, rows, queue, settings, actions, count)
-    for substep in range(settings.substeps):
-        _load(block, rows, queue, settings, tables, width, substep, real, rare)
-        advance(block, settings, width)
-    _end(block, rows, waypoints, settings, tables, width, real, rare, accelerate)
 
 
 @merged_njit
@@ -157,7 +146,7 @@ def _compile_step(real, rare, advance, accelerate):
         Nothing moves if `_check` finds a problem.
 
         Args:
-            memory: of the batch, see `memory.py`.
+            memory: of the batch, see `layout.py`.
             out: takes the observations [lanes * size].
             moves: False: no lane moves, but episodes start and readings are taken.
 
@@ -176,10 +165,11 @@ def _compile_step(real, rare, advance, accelerate):
             # Few lanes pay for half a block, which is a vector too; one lane pays for itself.
             width = 1 if count == 1 else (LANES // 2 if count <= LANES // 2 else LANES)
             if moves:
-                actions = _actions(memory, settings, number, count)
-                _move(
-                    block, rows, queue, waypoints, settings, tables, actions, count, width, real, rare, advance, accelerate
-                )  # fmt: skip
+                command(block, rows, queue, settings, _actions(memory, settings, number, count), count)
+                for substep in range(settings.substeps):
+                    _load(block, rows, queue, settings, tables, width, substep, real, rare)
+                    advance(block, settings, width)
+                _end(block, rows, waypoints, settings, tables, width, real, rare, accelerate)
                 _report(block, rows, waypoints, settings, tables, memory, first, count)
             restarts = 0
             for lane in range(width):
@@ -191,7 +181,7 @@ def _compile_step(real, rare, advance, accelerate):
                         if real:
                             start_disturbance(block, settings, tables, lane)
                         if rare and settings.elastic:
-                            start_motors(block, lane)
+                            start_motors(block, settings, lane)
                         if rare and settings.flexible:
                             start_bends(block, settings, lane)
             if restarts > 0 or not moves:
@@ -209,7 +199,7 @@ def inspect(memory, out):
     """Write the truth of each lane that the blocks do not have.
 
     Args:
-        memory: of the batch, see `memory.py`.
+        memory: of the batch, see `layout.py`.
         out: takes it, records of the type `INSTANT` [lanes].
     """
     settings = record_at(memory, 0, SETTINGS)
@@ -237,7 +227,7 @@ def load(memory, substep):
     step(memory, out, False).
 
     Args:
-        memory: of the batch, see `memory.py`.
+        memory: of the batch, see `layout.py`.
         substep: number of the physics step within the control step. 0 takes the actions first.
 
     Returns:

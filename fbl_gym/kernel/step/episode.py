@@ -3,7 +3,7 @@
 import numpy as np
 
 from fbl_gym.kernel.arm.physics import lump
-from fbl_gym.kernel.maths.fastmath import clip, exp, kernel_njit, log
+from fbl_gym.kernel.maths.fastmath import clip, exp, inline_njit, kernel_njit, log
 from fbl_gym.kernel.maths.streams import stream_key, uniforms
 from fbl_gym.kernel.memory.layout import (
     CHOICE,
@@ -16,7 +16,7 @@ from fbl_gym.kernel.memory.layout import (
     STEPS,
     TORQUE,
 )
-from fbl_gym.kernel.memory.views import pair, put
+from fbl_gym.kernel.memory.views import pair, pair_of, put
 from fbl_gym.kernel.step.motion import draw_reference, reference, store_reference
 from fbl_gym.kernel.step.torque import nominal_torque, ripple_of
 
@@ -122,6 +122,33 @@ def _hold_still(block, rows, queue, settings, lane):
         rows[row, lane], rows[row + 1, lane] = action1, action2
 
 
+@inline_njit
+def _keeps(q, v, constraints):
+    """Return True if positions and velocities violate no constraint."""
+    (low1, low2), (high1, high2), (fastest1, fastest2) = constraints
+    return (
+        ((low1 <= q[0]) & (q[0] <= high1) & (abs(v[0]) <= fastest1))
+        & ((low2 <= q[1]) & (q[1] <= high2) & (abs(v[1]) <= fastest2))
+    )  # fmt: skip
+
+
+@inline_njit
+def _is_near(q, v, start, limits):
+    """Return True if an arm is within its limits of position and velocity; False for NaN."""
+    farthest, fastest = limits
+    near = (abs(q[0] - start[0]) <= farthest) & (abs(q[1] - start[1]) <= farthest)
+    return near & (abs(v[0]) <= fastest) & (abs(v[1]) <= fastest)
+
+
+@inline_njit
+def _tracking_loss(distance, form):
+    """Return the tracking term of an error |e| [rad]."""
+    logarithmic, scale, norm = form
+    linear = scale * distance
+    logarithm = norm * log(1.0 + linear)
+    return min(logarithm if logarithmic else linear, 1.0)
+
+
 @kernel_njit
 def judge(block, settings, width):
     """Compute rewards (see `reward.py`) and costs of a block, and the ends of its episodes.
@@ -129,37 +156,25 @@ def judge(block, settings, width):
     An episode is terminated when the arm leaves its limits, violates a constraint that ends it, or
     has numbers that are not finite. It is truncated when its time is up. It can be both.
     """
-    limit1, limit2 = settings.torque_limit[0], settings.torque_limit[1]
-    logarithmic, last = settings.reward_logarithmic, np.uint64(settings.last_step)
-    max_position, max_velocity = settings.max_position, settings.max_velocity
-    (low1, low2), (high1, high2) = settings.constraint_low, settings.constraint_high
-    (fastest1, fastest2), ends = settings.constraint_velocity, settings.violation_ends
-    weight1, weight2, weight3 = settings.reward_weights
+    # Stores to the block keep the compiler from moving these out of the loop.
+    low, high = pair_of(settings.constraint_low), pair_of(settings.constraint_high)
+    constraints = low, high, pair_of(settings.constraint_velocity)
+    limits, ends = (settings.max_position, settings.max_velocity), settings.violation_ends
+    form = settings.reward_logarithmic, settings.reward_scale, settings.reward_norm
+    (limit1, limit2), (weight1, weight2, weight3) = settings.torque_limit, settings.reward_weights
+    last = np.uint64(settings.last_step)
     for lane in range(width):
-        (q1, q2), (v1, v2) = pair(block.position, lane), pair(block.velocity, lane)
-        (r1, r2), (start1, start2) = pair(block.reference_position, lane), pair(block.start_position, lane)
-        error1, error2 = abs(r1 - q1), abs(r2 - q2)
+        q, v, (r1, r2) = pair(block.position, lane), pair(block.velocity, lane), pair(block.reference_position, lane)
+        error1, error2 = abs(r1 - q[0]), abs(r2 - q[1])
         block.far[lane] = block.far[lane] + 1.0 if max(error1, error2) > settings.max_error else 0.0
-        keeps = (
-            ((low1 <= q1) & (q1 <= high1) & (abs(v1) <= fastest1))
-            & ((low2 <= q2) & (q2 <= high2) & (abs(v2) <= fastest2))
-        )  # fmt: skip
-        block.cost[lane] = 0.0 if keeps else 1.0
-        stays = (
-            (abs(q1 - start1) <= max_position)
-            & (abs(q2 - start2) <= max_position)
-            & (abs(v1) <= max_velocity)
-            & (abs(v2) <= max_velocity)
-            & (block.far[lane] < settings.error_steps)
-            & (keeps | (not ends))
-        )
-        tracking = settings.reward_scale * (error1 + error2)
-        logarithm = settings.reward_norm * log(1.0 + tracking)
-        tracking = logarithm if logarithmic else tracking
+        keeps = _keeps(q, v, constraints)
+        near = _is_near(q, v, pair(block.start_position, lane), limits)
+        stays = near & (block.far[lane] < settings.error_steps) & (keeps | (not ends))
         tau1, tau2 = pair(block.command, lane)
         effort = 0.5 * (abs(tau1) / limit1 + abs(tau2) / limit2)
         chatter = 0.25 * block.chatter[lane]
-        loss = weight1 * min(tracking, 1.0) + weight2 * effort + weight3 * chatter
+        loss = weight1 * _tracking_loss(error1 + error2, form) + weight2 * effort + weight3 * chatter
+        block.cost[lane] = 0.0 if keeps else 1.0
         block.reward[lane] = max(1.0 - loss, 0.0) if stays else 0.0
         block.terminated[lane] = 0.0 if stays else 1.0
         block.truncated[lane] = 1.0 if block.step[lane] >= last else 0.0

@@ -4,7 +4,7 @@ import numpy as np
 
 from fbl_gym.kernel.maths.fastmath import exp, inline_njit, kernel_njit, sincos
 from fbl_gym.kernel.maths.streams import TWO_PI, stream_key, uniforms
-from fbl_gym.kernel.memory.layout import FILTERED_STEPS, HARMONICS, MINIMUM_JERK, SAMPLES, STEPS
+from fbl_gym.kernel.memory.layout import FILTERED_STEPS, FOURIER, MINIMUM_JERK, ONE_SINE, SAMPLES, STEPS
 from fbl_gym.kernel.memory.views import pair, put
 
 _STREAM = stream_key("reference")
@@ -26,7 +26,7 @@ def reference(waypoints, settings, tables, lane, step):
             tables[index + 3], tables[index + 4], tables[index + 5],
         )  # fmt: skip
     time = step * settings.control_dt
-    if kind == HARMONICS:
+    if kind in (ONE_SINE, FOURIER):
         return _harmonics(waypoints, settings, tables, lane, time)
     if kind == MINIMUM_JERK:
         return _along(waypoints, lane, _profile(settings, time))
@@ -130,7 +130,7 @@ def draw_reference(waypoints, settings, tables, lane, seed, episode):
     low, high = settings.reference_low, settings.reference_high
     for i in range(points):
         draw1, draw2, _, _ = uniforms(seed, _STREAM, episode, np.uint64(i), _ZERO)
-        if kind == HARMONICS:
+        if kind in (ONE_SINE, FOURIER):
             value1, value2 = TWO_PI * draw1, TWO_PI * draw2
             if not settings.reference_phases_drawn:
                 value1, value2 = tables[index + 2 * points], tables[index + 2 * points + 1]

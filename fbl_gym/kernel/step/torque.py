@@ -14,7 +14,7 @@ from fbl_gym.kernel.memory.layout import (
     PULSES,
     SINE,
 )
-from fbl_gym.kernel.memory.views import pair, put
+from fbl_gym.kernel.memory.views import pair, pair_of, put
 
 _STREAM = stream_key("disturbance")
 _JITTER = stream_key("jitter")
@@ -24,31 +24,13 @@ _ZERO = np.uint64(0)
 @kernel_njit
 def command(block, rows, queue, settings, actions, count):
     """Set the torque commands of a block's first `count` lanes from their actions."""
-    for age in range(settings.delay_steps, 0, -1):
-        for lane in range(count):
-            put(queue[age], lane, pair(queue[age - 1], lane))
-        if settings.jittered:
-            for lane in range(count):
-                queue[age, 2, lane] = queue[age - 1, 2, lane]
-    limit1, limit2 = settings.torque_limit[0], settings.torque_limit[1]
     for joint in range(2):
         for lane in range(count):
             block.action[joint, lane] = clip(actions[lane, joint], settings.action_limit[joint])
-    if settings.past_actions > 0:
-        first = settings.past_row
-        for row in range(first + 2 * settings.past_actions - 1, first + 1, -1):
-            for lane in range(count):
-                rows[row, lane] = rows[row - 2, lane]
-        for joint in range(2):
-            for lane in range(count):
-                rows[first + joint, lane] = block.action[joint, lane]
-    kind = settings.action_kind
+    _keep_past(block, rows, queue, settings, count)
+    limit1, limit2 = pair_of(settings.torque_limit)
     for lane in range(count):
-        tau1, tau2 = pair(block.action, lane)
-        if kind == NORMALIZED:
-            tau1, tau2 = tau1 * limit1, tau2 * limit2
-        elif kind == ACCELERATION:
-            tau1, tau2 = nominal_torque(block, settings, lane, tau1, tau2)
+        tau1, tau2 = _asked_torque(block, settings, lane)
         tau1, tau2 = clip(tau1, limit1), clip(tau2, limit2)
         before1, before2 = pair(block.command, lane)
         block.chatter[lane] = abs(tau1 - before1) / limit1 + abs(tau2 - before2) / limit2
@@ -58,6 +40,31 @@ def command(block, rows, queue, settings, actions, count):
         for lane in range(count):
             draw, _, _, _ = uniforms(block.seed[lane], _JITTER, block.episode[lane], block.step[lane], _ZERO)
             block.late[lane] = queue[0, 2, lane] = np.rint(block.jitter[lane] * draw)
+
+
+@inline_njit
+def _keep_past(block, rows, queue, settings, count):
+    """Move the last commands and actions back by one control step, and store the new actions."""
+    for age in range(settings.delay_steps, 0, -1):
+        for row in range(3 if settings.jittered else 2):
+            for lane in range(count):
+                queue[age, row, lane] = queue[age - 1, row, lane]
+    first = settings.past_row
+    for row in range(first + 2 * settings.past_actions - 1, first + 1, -1):
+        for lane in range(count):
+            rows[row, lane] = rows[row - 2, lane]
+    for joint in range(2 if settings.past_actions > 0 else 0):
+        for lane in range(count):
+            rows[first + joint, lane] = block.action[joint, lane]
+
+
+@inline_njit
+def _asked_torque(block, settings, lane):
+    """Return the torque that a lane's action asks for."""
+    a1, a2 = pair(block.action, lane)
+    if settings.action_kind == NORMALIZED:
+        return a1 * settings.torque_limit[0], a2 * settings.torque_limit[1]
+    return nominal_torque(block, settings, lane, a1, a2) if settings.action_kind == ACCELERATION else (a1, a2)
 
 
 @inline_njit
