@@ -49,6 +49,7 @@ def _compile() -> None:
     begin = time.perf_counter()
     for options in CLASSES.values():
         TwoLinkArmVectorEnv(1, **options)
+    TwoLinkArmVectorEnv(128, threads=2)
     moving = scenarios.get("nominal").replace(duration=3.0)  # until the arms have moved enough to be estimated
     for name in ("adaptive-flm", "computed-torque-dob+predictor", "ppo-memory"):  # together they use all compiled code
         rollout(name, moving, range(32))

@@ -253,7 +253,8 @@ def _starting() -> Iterator[None]:
 
 
 def _begin() -> None:
-    """Leave Ctrl-C to the parent, and end with it; of a worker."""
+    """Leave Ctrl-C to the parent, end with it, and use one core; of a worker."""
+    os.environ["OMP_NUM_THREADS"] = "1"
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     threading.Thread(target=_end_with_parent, daemon=True).start()
 

@@ -10,6 +10,7 @@ from typing import Any, TypeAlias
 import gymnasium as gym
 import numpy as np
 
+from fbl_gym.kernel.step.pool import cores
 from fbl_gym.model.arm import Array
 
 Contestant: TypeAlias = Callable[[], int]
@@ -38,10 +39,12 @@ def _contestants() -> dict[str, tuple[Contestant, str]]:
         "TwoLinkArm-v0, unwrapped": (single(gym.make(_ARM).unwrapped, np.zeros(2)), _ACROBOT),
         _ACROBOTS: (batch(gym.make_vec(_ACROBOT, 256, "sync"), np.ones(256, dtype=int)), ""),
     }
-    for lanes in (16, 256, 4096):
-        for kind, options in (("", {}), (", busy", _BUSY), (", servo-elastic-2", {"scenario": "servo-elastic-2"})):
-            env = gym.make_vec(_ARM, num_envs=lanes, vectorization_mode="vector_entry_point", **options)
-            contestants[f"TwoLinkArm-v0 batch, {lanes}{kind}"] = (batch(env, np.zeros((lanes, 2))), _ACROBOTS)
+    kinds: dict[str, Any] = {"": {}, ", busy": _BUSY, ", servo-elastic-2": {"scenario": "servo-elastic-2"}}
+    for lanes, threads in ((16, 1), (256, 1), (4096, 1), (4096, cores())):
+        for kind, options in kinds.items():
+            env = gym.make_vec(_ARM, lanes, vectorization_mode="vector_entry_point", threads=threads, **options)
+            name = f"TwoLinkArm-v0 batch, {lanes}{kind}{f', {threads} threads' if threads > 1 else ''}"
+            contestants[name] = (batch(env, np.zeros((lanes, 2))), _ACROBOTS)
     return contestants
 
 

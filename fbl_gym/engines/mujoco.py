@@ -70,7 +70,7 @@ class MuJoCoBatch(ArmBatch):
         self._blocks["status"][lanes // LANES, lanes % LANES] = RESTART
         self._observe(out)
 
-    def step(self, actions: Array, out: Array) -> tuple[int, float, bool, bool]:
+    def step(self, actions: Array, out: Array) -> int:
         """Advance every lane by one control step; see `ArmBatch.step`."""
         memory, blocks, lanes = self._memory, self._blocks, self._lanes
         memory[self._actions] = actions
@@ -80,7 +80,7 @@ class MuJoCoBatch(ArmBatch):
         for substep in range(substeps):
             problem = api.load(memory, substep)
             if problem >= 0:
-                return problem, 0.0, False, False
+                return problem
             torque, load = self._mean("tau"), self._mean("load")
             models = self._models() if self._arms_change else None
             velocities = np.stack([blocks[name][lanes] for name in _VELOCITIES], axis=1)
@@ -94,13 +94,14 @@ class MuJoCoBatch(ArmBatch):
         if self._senses_acceleration:
             blocks["acceleration"][lanes] = self._accelerate()[0]
         api.end(memory)
-        rewards, terminated, truncated = self.outcomes
         self._observe(out)
-        return -1, float(rewards[0]), bool(terminated[0]), bool(truncated[0])
+        return -1
 
     def step_one(self, action1: float, action2: float, out: Array) -> tuple[int, float, bool, bool]:
         """Advance a batch of one lane, as `step` does."""
-        return self.step(np.array([action1, action2]), out)
+        problem = self.step(np.array([action1, action2]), out)
+        rewards, terminated, truncated = self.outcomes
+        return problem, float(rewards[0]), bool(terminated[0]), bool(truncated[0])
 
     def _observe(self, out: Array) -> None:
         """Start the lanes marked RESTART, and write all observations, by the compiled step."""

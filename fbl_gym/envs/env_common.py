@@ -12,6 +12,7 @@ from gymnasium.envs.registration import EnvSpec
 from fbl_gym.interface import Interface, Layout
 from fbl_gym.kernel.batch import ArmBatch
 from fbl_gym.kernel.memory.program import Program, make_program
+from fbl_gym.kernel.step.pool import threads_for
 from fbl_gym.model.arm import Array
 from fbl_gym.options import Reward
 from fbl_gym.records.checks import check_choice, check_whole, nearest
@@ -40,6 +41,7 @@ class TaskProperties:
         *,
         reward: Any,
         lanes: int = 1,
+        threads: int | None = 1,
         info: bool,
         render_mode: str | None,
         render_size: int,
@@ -62,7 +64,7 @@ class TaskProperties:
         self.metadata = {**self.metadata, "render_fps": max(1, round(1.0 / self._scenario.control_dt))}
         self.interface, self._size = program.interface, program.interface.layout.size
         self._steps = int(program.settings["last_step"])
-        self._batch = make_batch(self._scenario, program, lanes)
+        self._batch = make_batch(self._scenario, program, lanes, threads)
         self._begun = False
         self._views: list[Any] = []  # of `render.View`
         self._constrained = self._scenario.constraints is not None
@@ -143,10 +145,14 @@ def configure(scenario: Any, options: dict[str, Any], **task: Any) -> tuple[Scen
         return built, make_program(built, **task)
 
 
-def make_batch(scenario: Scenario, program: Program, lanes: int) -> ArmBatch:
+def make_batch(scenario: Scenario, program: Program, lanes: int, threads: int | None) -> ArmBatch:
     """Return a batch of arms on the scenario's plant."""
+    if threads is not None:
+        check_whole("threads", threads, low=1, high=1024)
     if scenario.plant is None:
-        return ArmBatch(program, lanes)
+        return ArmBatch(program, lanes, threads_for(lanes, threads))
+    if threads not in (None, 1):
+        raise ValueError(f"threads must be 1 or None with a plant, whose arms move one after the other, got {threads}")
     try:
         from fbl_gym.engines.mujoco import MuJoCoBatch
     except ImportError:

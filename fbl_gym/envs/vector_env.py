@@ -40,6 +40,10 @@ class TwoLinkArmVectorEnv(TaskProperties, VectorEnv[Array, Array, Array]):
             `gymnasium.vector.AutoresetMode` or its value.
         max_episode_steps: truncate after this number of steps, if the scenario's duration is
             longer.
+        threads: number of threads that step the lanes, with the same bits for any number. None: all
+            cores that the process may use from 512 lanes on (`OMP_NUM_THREADS`, affinity and a
+            container's quota limit them), else one. A thread takes at least 64 lanes. Windows has
+            one.
         render_mode: "rgb_array" or None.
         render_size: width and height of each lane's frame [pixels].
     """
@@ -58,6 +62,7 @@ class TwoLinkArmVectorEnv(TaskProperties, VectorEnv[Array, Array, Array]):
         info: bool = False,
         autoreset_mode: AutoresetMode | str = AutoresetMode.NEXT_STEP,
         max_episode_steps: int | None = None,
+        threads: int | None = None,
         render_mode: str | None = None,
         render_size: int = 480,
         **options: Any,
@@ -68,7 +73,7 @@ class TwoLinkArmVectorEnv(TaskProperties, VectorEnv[Array, Array, Array]):
             check_whole("max_episode_steps", max_episode_steps, low=1)
         self._prepare(
             scenario, options, reward=reward, action=action, preview=preview, past_actions=past_actions, info=info,
-            lanes=self.num_envs, max_episode_steps=max_episode_steps,
+            lanes=self.num_envs, threads=threads, max_episode_steps=max_episode_steps,
             autoreset=_AUTORESET.index(self.autoreset_mode), render_mode=render_mode, render_size=render_size,
         )  # fmt: skip
         self.metadata = {**self.metadata, "autoreset_mode": self.autoreset_mode}
@@ -135,7 +140,7 @@ class TwoLinkArmVectorEnv(TaskProperties, VectorEnv[Array, Array, Array]):
             raise error.ResetNeeded("call reset() before the first step()")
         batch = self._batch
         observations = np.empty((self.num_envs, self._size))
-        refused = batch.step(array.reshape(-1), observations.reshape(-1))[0]
+        refused = batch.step(array.reshape(-1), observations.reshape(-1))
         if refused >= 0:
             lane = refused // 2
             if refused % 2 == 0:

@@ -26,6 +26,7 @@ from fbl_gym.kernel.memory.layout import (
 )
 from fbl_gym.kernel.memory.program import Program
 from fbl_gym.kernel.step import api
+from fbl_gym.kernel.step.pool import POOL
 from fbl_gym.model.arm import Array
 
 Flags = NDArray[np.bool_]
@@ -121,6 +122,16 @@ class Truth:
 
 _STEPS = api.STEPS
 
+_LINE = 8
+"""Numbers in a line of the processor's cache, at which the blocks begin."""
+
+
+def _aligned(size: int) -> Array:
+    """Return zeros that begin at a line of the processor's cache, [size]."""
+    zeros = np.zeros(size + _LINE)
+    begin = -zeros.ctypes.data // zeros.itemsize % _LINE
+    return zeros[begin : begin + size]
+
 
 class ArmBatch:
     """A batch of arms of one scenario, each lane with its own seed and episode.
@@ -128,9 +139,10 @@ class ArmBatch:
     Args:
         program: the scenario in numbers.
         lanes: number of arms, one or more.
+        threads: number of threads, one or more.
     """
 
-    def __init__(self, program: Program, lanes: int) -> None:
+    def __init__(self, program: Program, lanes: int, threads: int = 1) -> None:
         settings = program.settings
         blocks, size = -(-lanes // LANES), program.interface.layout.size
         finals = lanes * size if settings["autoreset"] == memory.SAME_STEP else 0
@@ -141,15 +153,16 @@ class ArmBatch:
             "rewards": lanes,
             "flags": -(-2 * lanes // 8),
             "final_observations": finals,
-            "blocks": blocks * int(settings["block_size"]),
         }
+        sizes["padding"] = -sum(sizes.values()) % _LINE
+        sizes["blocks"] = blocks * int(settings["block_size"])
         ends = np.cumsum(list(sizes.values())).tolist()
         self._parts = {name: slice(end - size, end) for (name, size), end in zip(sizes.items(), ends, strict=True)}
         self._actions = self._parts["actions"]
         self._first_action = self._actions.start
-        self.lanes = lanes
+        self.lanes, self.threads = lanes, threads
         self._class = api.step_number(settings)
-        self._memory = np.zeros(ends[-1])
+        self._memory = _aligned(ends[-1])
         self._memory[self._parts["tables"]] = program.tables
         self._settings[...] = settings
         self._settings["lanes"] = lanes
@@ -163,8 +176,8 @@ class ArmBatch:
 
     def __setstate__(self, state: dict[str, Any]) -> None:
         self.__dict__.update(state)
-        if not self._memory.flags.writeable:  # as out of a memory map
-            self._memory = self._memory.copy()
+        self._memory = _aligned(len(state["_memory"]))
+        self._memory[:] = state["_memory"]
 
     # The views below are new each time: a stored view would not follow a copy of the batch.
 
@@ -210,7 +223,7 @@ class ArmBatch:
 
     def sense(self, out: Array) -> None:
         """Take readings without motion; write all observations to `out` [lanes * size]."""
-        _STEPS[self._class](self._memory, out, False)
+        POOL.step(self._class, self._memory, out, False, self.threads)
 
     def index(self, *names: str) -> NDArray[np.int64]:
         """Return the places of fields of the first lane, for `read` and `write`."""
@@ -230,7 +243,7 @@ class ArmBatch:
         api.load(self._memory, 0)
         self._blocks["step"] += np.uint64(1)
 
-    def step(self, actions: Array, out: Array) -> tuple[int, float, bool, bool]:
+    def step(self, actions: Array, out: Array) -> int:
         """Advance every lane by one control step, unless an action or a lane is refused.
 
         Args:
@@ -238,17 +251,21 @@ class ArmBatch:
             out: takes the observations [lanes * size].
 
         Returns:
-            The result of `api._check`; then reward, terminated and truncated of the first lane.
+            The result of `api.check`.
         """
         self._memory[self._actions] = actions
-        return _STEPS[self._class](self._memory, out, True)
+        return POOL.step(self._class, self._memory, out, True, self.threads)
 
     def step_one(self, action1: float, action2: float, out: Array) -> tuple[int, float, bool, bool]:
-        """Advance a batch of one lane, as `step` does, faster."""
+        """Advance a batch of one lane, as `step` does, faster.
+
+        Returns:
+            The result of `api.check`; then reward, terminated and truncated.
+        """
         memory, first = self._memory, self._first_action
         memory[first] = action1
         memory[first + 1] = action2
-        return _STEPS[self._class](memory, out, True)
+        return _STEPS[self._class](memory, out, True, 0, 0)
 
     @property
     def outcomes(self) -> tuple[Array, Flags, Flags]:

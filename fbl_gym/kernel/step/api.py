@@ -56,7 +56,7 @@ def _actions(memory, settings, number, count):
 
 
 @kernel_njit
-def _check(memory):
+def check(memory):
     """Return -1 if all lanes can be stepped.
 
     Else return 2 i if lane i is the first whose action is not finite, or 2 i + 1 if all actions
@@ -140,26 +140,29 @@ def _compile_step(real, rare, advance, accelerate):
     is compiled when it is first called.
     """
 
-    def step(memory, out, moves):
+    def step(memory, out, moves, begin, end):
         """Advance every lane by one control step; start an episode in lanes marked RESTART.
 
-        Nothing moves if `_check` finds a problem.
+        Nothing moves if `check` finds a problem.
 
         Args:
             memory: of the batch, see `layout.py`.
             out: takes the observations [lanes * size].
             moves: False: no lane moves, but episodes start and readings are taken.
+            begin: first of the blocks to step, whose lanes `check` has passed.
+            end: the block after the last of them; 0: check and step all.
 
         Returns:
-            The result of `_check`; then reward, terminated and truncated of the first lane.
+            The result of `check`; then reward, terminated and truncated of the first lane.
         """
-        if moves:
-            problem = _check(memory)
-            if problem >= 0:
-                return problem, 0.0, False, False
         settings = record_at(memory, 0, SETTINGS)
         lanes, size, tables = settings.lanes, settings.observation_size, _tables(memory, settings)
-        for number in range((lanes + LANES - 1) // LANES):
+        if end == 0:
+            end = (lanes + LANES - 1) // LANES
+            problem = check(memory) if moves else -1
+            if problem >= 0:
+                return problem, 0.0, False, False
+        for number in range(begin, end):
             block, rows, queue, waypoints = _views(memory, settings, number)
             first, count = number * LANES, _count(settings, number)
             # Few lanes pay for half a block, which is a vector too; one lane pays for itself.
@@ -223,18 +226,18 @@ def load(memory, substep):
     """Set the torques and payloads of a physics step, for an engine other than the kernel.
 
     With `end`, it replaces `step`, and compiles only if used: load(memory, 0) to
-    load(memory, substeps - 1), each before the engine's physics step, then `end`, then
-    step(memory, out, False).
+    load(memory, substeps - 1), each before the engine's physics step, then `end`, then `step`
+    without motion.
 
     Args:
         memory: of the batch, see `layout.py`.
         substep: number of the physics step within the control step. 0 takes the actions first.
 
     Returns:
-        The result of `_check` at substep 0, else -1.
+        The result of `check` at substep 0, else -1.
     """
     if substep == 0:
-        problem = _check(memory)
+        problem = check(memory)
         if problem >= 0:
             return problem
     settings = record_at(memory, 0, SETTINGS)

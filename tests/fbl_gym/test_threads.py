@@ -1,0 +1,150 @@
+"""Threads of a batch: the same bits for any number, in forks, beside other threads, and at a process's end."""
+
+import copy
+import os
+import pickle
+import signal
+import subprocess
+import sys
+import threading
+import time
+
+import gymnasium as gym
+import numpy as np
+import pytest
+
+from fbl_gym import TwoLinkArmVectorEnv
+from fbl_gym.kernel.step import api, pool
+from tests.fbl_gym.episodes import EVENTFUL, ID, TRACKING
+from tests.fbl_gym.test_lanes import CHANGES, MODES, assert_same_infos
+
+LANES = 330
+CASES = {
+    "plain": (ID, {"duration": 0.2}),
+    "busy": (ID, {"scenario": "everything-2", "duration": 0.2, "info": True}),
+    "events": (ID, {**EVENTFUL, **CHANGES}),
+    "springs": (TRACKING, {"scenario": "servo-elastic-2", "duration": 0.2, "preview": 2}),
+    "links": (ID, {**EVENTFUL, **CHANGES, "link": 8.0}),
+}
+pytestmark = pytest.mark.skipif(not pool.SUPPORTED, reason="one thread on this system")
+
+
+def batch(name=ID, threads=3, **options):
+    env = gym.make_vec(name, LANES, vectorization_mode="vector_entry_point", threads=threads, **options)
+    env.reset(seed=5)
+    return env
+
+
+def joined():
+    """Return the number of workers that took part in the last step."""
+    job = pool.POOL.job.view(pool._JOB)[0]
+    return job["threads"] - 1 - job["seats"]
+
+
+@pytest.mark.parametrize("mode", MODES)
+@pytest.mark.parametrize("case", CASES)
+def test_any_number_of_threads_gives_the_same_bits(case, mode):
+    name, options = CASES[case]
+    alone, *others = (batch(name, threads, autoreset_mode=mode, **options) for threads in (1, 2, 5))
+    rng, ends, workers = np.random.default_rng(0), 0, 0
+    deadline = time.monotonic() + 20
+    step = 0
+    while step < 50 or (workers == 0 and time.monotonic() < deadline):
+        step += 1
+        actions = rng.uniform(-1, 1, (LANES, 2))
+        expected = alone.step(actions)
+        for env in others:
+            signals = env.step(actions)
+            workers += joined()
+            for x, y in zip(signals[:4], expected[:4], strict=True):
+                np.testing.assert_array_equal(x, y)
+            assert_same_infos(signals[4], expected[4])
+        ended = expected[2] | expected[3]
+        ends += ended.sum()
+        if mode == "Disabled" and ended.any():
+            for env in (alone, *others):
+                env.reset(options={"reset_mask": ended})
+    assert len(api.STEPS[env.unwrapped._batch._class].overloads) == 1  # compiled once for both ways
+    for env in others:
+        assert env.unwrapped._batch._memory.tobytes() == alone.unwrapped._batch._memory.tobytes()
+    assert ends > 0
+    assert workers > 0
+
+
+def test_what_is_refused_moves_no_lane():
+    env = batch()
+    before = env.unwrapped._batch.field("position")
+    actions = np.zeros((LANES, 2))
+    actions[300, 1] = np.nan
+    with pytest.raises(ValueError, match="lane 300"):
+        env.step(actions)
+    np.testing.assert_array_equal(env.unwrapped._batch.field("position"), before)
+    for threads in (0, 2.5, 2000):
+        with pytest.raises((TypeError, ValueError), match="threads"):
+            TwoLinkArmVectorEnv(2, threads=threads)
+    with pytest.raises(ValueError, match="threads must be 1 or None with a plant"):
+        TwoLinkArmVectorEnv(2, plant="mujoco", threads=2)
+
+
+def test_copies_forks_and_python_threads_step_alike():
+    """A fork has no workers; of two threads of Python, one has them at a time."""
+    env, actions = batch(scenario="everything-2"), np.full((LANES, 2), 0.1)
+    env.step(actions)
+    others = [copy.deepcopy(env), pickle.loads(pickle.dumps(env))]
+    others += [copy.deepcopy(env) for _ in range(4)]
+    threads = [
+        threading.Thread(target=lambda env: [env.step(actions) for _ in range(50)], args=(one,)) for one in others
+    ]
+    for thread in threads:
+        thread.start()
+    reader, writer = os.pipe()
+    child = os.fork()
+    for _ in range(50):
+        observations = env.step(actions)[0]
+    if not child:
+        try:
+            os.write(writer, bytes([pool.POOL.workers]) + observations[:100].tobytes())
+        finally:
+            os._exit(0)
+    for thread in threads:
+        thread.join()
+    assert os.waitpid(child, 0)[1] == 0
+    assert os.read(reader, 10**6) == bytes([2]) + observations[:100].tobytes()
+    for one in others:
+        assert one.unwrapped._batch._memory.tobytes() == env.unwrapped._batch._memory.tobytes()
+    assert sum(thread.name == "fbl_gym" for thread in threading.enumerate()) == pool.POOL.workers < 5
+
+
+LOOP = """
+import numpy as np
+import fbl_gym
+env = fbl_gym.TwoLinkArmVectorEnv(2048, threads=3)
+env.reset(seed=0)
+env.step(np.zeros((2048, 2)))
+print("stepped", flush=True)
+while {loops}:
+    env.step(np.zeros((2048, 2)))
+"""
+
+
+@pytest.mark.parametrize("loops", [False, True])
+def test_a_process_ends_by_itself_and_by_an_interrupt(loops):
+    process = subprocess.Popen(
+        [sys.executable, "-c", LOOP.format(loops=loops)], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+    )
+    process.stdout.readline()
+    if loops:
+        process.send_signal(signal.SIGINT)
+    errors = process.communicate(timeout=20)[1]
+    assert ("KeyboardInterrupt" in errors) == loops
+    assert (process.returncode == 0) != loops
+
+
+@pytest.mark.parametrize(("variable", "most"), [("1", 1), ("1,2", 1), ("0", 1), ("", 10**6), ("many", 10**6)])
+def test_default_threads_are_the_cores_that_the_process_may_use(monkeypatch, variable, most):
+    monkeypatch.setenv("OMP_NUM_THREADS", variable)
+    monkeypatch.setattr(os, "sched_getaffinity", lambda _: range(3), raising=False)
+    assert 1 <= pool.cores() <= min(most, 3)
+    assert pool.threads_for(pool.LEAST_LANES, None) == pool.cores()
+    assert pool.threads_for(pool.LEAST_LANES - 1, None) == 1
+    assert [pool.threads_for(lanes, 4) for lanes in (1, 64, 128, 4096)] == [1, 1, 2, 4]
