@@ -11,7 +11,9 @@ held over each of MuJoCo's steps, taken at the stretch expected in the step's mi
 
 from __future__ import annotations
 
+import copy
 import dataclasses
+from typing import Any
 
 import mujoco
 import numpy as np
@@ -64,6 +66,17 @@ class MuJoCoBatch(ArmBatch):
         self._senses_acceleration = bool(self._settings["senses_acceleration"])
         self._arms: dict[int, _Arm] = {}  # of each lane
         self._lanes = np.arange(lanes) // LANES, slice(None), np.arange(lanes) % LANES
+
+    def state(self) -> Any:
+        """Return a copy of all that a step depends on, for `restore`."""
+        return super().state(), copy.deepcopy(self._arms)
+
+    def restore(self, state: Any) -> bool:
+        """Go on from what `state` of a batch like this one returned; False: it is not like this."""
+        if not (isinstance(state, tuple) and len(state) == 2 and super().restore(state[0])):
+            return False
+        self._arms = copy.deepcopy(state[1])
+        return True
 
     def reset(self, lanes: NDArray[np.int64], out: Array) -> None:
         """Start an episode in some lanes; write all observations to `out` [lanes * size]."""

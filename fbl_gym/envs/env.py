@@ -8,7 +8,7 @@ import gymnasium as gym
 import numpy as np
 from gymnasium import error
 
-from fbl_gym.envs.env_common import MAX_SEED, TaskProperties, as_actions, check_reset_options, check_seed
+from fbl_gym.envs.env_common import MAX_SEED, START, TaskProperties, as_actions, check_reset_options, check_seed
 from fbl_gym.kernel.batch import Truth, single
 from fbl_gym.model.arm import Array
 from fbl_gym.options import Reward
@@ -154,12 +154,15 @@ class TwoLinkArmEnv(TaskProperties, gym.Env[Any, Any]):
         Args:
             seed: 0 to 2**64 - 1; None: the next episode of the last seed. The first `reset` without
                 a seed draws one from the operating system's entropy.
-            options: there are none.
+            options: where this episode starts: "position" [2] rad, "velocity" [2] rad/s, and
+                "reference", the way-points of a reference that has some [points x 2] rad; a
+                single one [2] is a goal.
 
         Returns:
             The first observation, [size], and an empty info.
         """
-        check_reset_options(options, ())
+        check_reset_options(options, START)
+        self._give_start(_LANE, options)
         if seed is not None:
             seed = check_seed(seed)
         super().reset(seed=seed)

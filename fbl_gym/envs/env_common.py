@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 from gymnasium import error, logger
 from gymnasium.envs.registration import EnvSpec
+from numpy.typing import NDArray
 
 from fbl_gym.interface import Interface, Layout
 from fbl_gym.kernel.batch import ArmBatch
@@ -79,6 +80,55 @@ class TaskProperties:
         """Refuse to read a property before the first reset."""
         if not self._begun:
             raise error.ResetNeeded(f"call reset() before reading {name}: no episode has begun")
+
+    def state(self) -> Any:
+        """Return a copy of the state of all arms, with their drives, sensors and episodes.
+
+        Raises:
+            gymnasium.error.ResetNeeded: before the first `reset`.
+        """
+        self._expect_begun("state()")
+        return self._batch.state()
+
+    def set_state(self, state: Any) -> None:
+        """Go on from a state as the environment did after `state()`, bit for bit.
+
+        Args:
+            state: that `state()` of an environment with the same arguments returned.
+
+        Raises:
+            ValueError: it is of an environment with other arguments or another number of arms.
+        """
+        if not self._batch.restore(state):
+            raise ValueError("state must be that of an environment with the same arguments and number of arms")
+        self._begun = True
+
+    def _give_start(self, lanes: NDArray[np.int64], options: dict[str, Any] | None) -> None:
+        """Let the next episode of some lanes start where the options of `reset` say."""
+        given = {name: options[name] for name in START if options and options.get(name) is not None}
+        if "reference" in given and self._scenario.reference.kind not in ("minimum-jerk", "steps", "filtered-steps"):
+            raise ValueError(
+                "reset option reference must be left out: it gives the way-points of minimum-jerk, steps and "
+                f"filtered-steps, and this reference is {self._scenario.reference.kind}"
+            )
+        starts = {name: self._as_start(name, value)[lanes] for name, value in given.items()}
+        if starts:
+            self._batch.give(lanes, starts)
+
+    def _as_start(self, name: str, value: Any) -> Array:
+        """Return an option of `reset` for all lanes, [lanes x 2] or [lanes x points x 2]."""
+        array, shape, n = np.asarray(value), [2], self._batch.lanes
+        if name == "reference":
+            shape = [self._batch.points, 2]
+            array = array[None] if array.shape == (2,) else array
+            if array.ndim > 1 and 0 < (points := array.shape[-2]) < shape[0]:  # the arm stays at the last one
+                array = np.concatenate([array, np.repeat(array[..., -1:, :], shape[0] - points, axis=-2)], axis=-2)
+        fits = array.shape in ((*shape,), (n, *shape))
+        if not fits or array.dtype.kind not in "fiu" or not np.isfinite(array).all():
+            most = " or fewer way-points" if len(shape) > 1 else ""
+            given = f"shape {array.shape}" if array.size > 8 else repr(value)
+            raise ValueError(f"reset option {name} must be finite numbers of shape {(*shape,)}{most}, got {given}")
+        return np.broadcast_to(array, (n, *shape))
 
     def _shown_views(self) -> list[Any]:
         """Return the view of each lane; without a render mode none, and warn as Gymnasium does."""
@@ -166,6 +216,10 @@ def check_seed(seed: Any) -> int:
     if value > MAX_SEED:
         raise ValueError(f"seed must be below 2**64, got {value}")
     return value
+
+
+START = ("position", "velocity", "reference")
+"""The options of `reset` that say where an episode starts."""
 
 
 def check_reset_options(options: dict[str, Any] | None, known: tuple[str, ...]) -> None:

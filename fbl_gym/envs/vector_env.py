@@ -11,7 +11,7 @@ from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 from numpy.typing import NDArray
 
-from fbl_gym.envs.env_common import MAX_SEED, TaskProperties, as_actions, check_reset_options, check_seed
+from fbl_gym.envs.env_common import MAX_SEED, START, TaskProperties, as_actions, check_reset_options, check_seed
 from fbl_gym.kernel.batch import Flags, Truth
 from fbl_gym.model.arm import Array
 from fbl_gym.options import Reward
@@ -92,13 +92,14 @@ class TwoLinkArmVectorEnv(TaskProperties, VectorEnv[Array, Array, Array]):
                 next episode of that lane's last seed. None: the same for every lane. The first
                 `reset` without a seed draws them from the operating system's entropy.
             options: {"reset_mask": mask} resets the lanes where the boolean mask [num_envs] is
-                True.
+                True. "position", "velocity" and "reference" are those of `TwoLinkArmEnv.reset`,
+                the same for all lanes or [num_envs x ...].
 
         Returns:
             Observations [num_envs x size], unchanged for lanes that were not reset, and an empty
             info.
         """
-        check_reset_options(options, ("reset_mask",))
+        check_reset_options(options, ("reset_mask", *START))
         mask = self._as_mask((options or {}).get("reset_mask"))
         if not self._begun and not mask.all():
             raise error.ResetNeeded("the first reset must be of every lane: no episode has begun outside reset_mask")
@@ -108,6 +109,7 @@ class TwoLinkArmVectorEnv(TaskProperties, VectorEnv[Array, Array, Array]):
             drawn = self.np_random.integers(MAX_SEED, size=self.num_envs, dtype=np.uint64)
             self._batch.seed(np.arange(self.num_envs), drawn)
         chosen = np.flatnonzero(mask)
+        self._give_start(chosen, options)
         fresh = np.isin(chosen, seeded)
         self._batch.seed(chosen[fresh], seeds[mask[seeded]])
         if self._begun:

@@ -168,6 +168,7 @@ class ArmBatch:
         self._settings["lanes"] = lanes
         for name in ("actions", "rewards", "flags", "final_observations", "blocks"):
             self._settings[name] = self._parts[name].start
+        self._blocks["given_position"] = self._blocks["given_velocity"] = np.nan
         # The last block's spare lanes get an episode too, which keeps their numbers finite.
         self._blocks["status"] = RESTART
         self.sense(np.empty(lanes * size))
@@ -215,6 +216,42 @@ class ArmBatch:
         rows = self._blocks[name]
         rows = rows.transpose(0, rows.ndim - 1, *range(1, rows.ndim - 1))  # [blocks x lanes of a block x ...]
         return rows.reshape(-1, *rows.shape[2:])[: self.lanes].copy()
+
+    def give(self, lanes: NDArray[np.int64], start: dict[str, Array]) -> None:
+        """Let the next episode of some lanes begin where it is given.
+
+        Args:
+            lanes: [n].
+            start: `position` and `velocity` [n x 2], and `reference`, the way-points [n x m x 2];
+                any of them.
+        """
+        block, lane = lanes // LANES, lanes % LANES
+        for name in start.keys() & {"position", "velocity"}:
+            self._blocks[f"given_{name}"][block, :, lane] = start[name]
+        if "reference" in start:
+            first = int(self._settings["waypoint_row"])
+            points = start["reference"].reshape(len(lanes), -1)
+            self._rows[block, first : first + points.shape[1], lane] = points
+            self._blocks["given_reference"][block, lane] = 1.0
+
+    def state(self) -> Any:
+        """Return a copy of all that a step depends on, for `restore`."""
+        return self._memory.copy()
+
+    def restore(self, state: Any) -> bool:
+        """Go on from what `state` of a batch like this one returned; False: it is not like this."""
+        if not isinstance(state, np.ndarray) or state.shape != self._memory.shape or state.dtype != float:
+            return False
+        first = slice(0, self._first_action)
+        if state[first].tobytes() != self._memory[first].tobytes():
+            return False
+        self._memory[:] = state
+        return True
+
+    @property
+    def points(self) -> int:
+        """Number of way-points of the reference."""
+        return int(self._settings["reference_points"])
 
     def reset(self, lanes: NDArray[np.int64], out: Array) -> None:
         """Start an episode in some lanes; write all observations to `out` [lanes * size]."""

@@ -6,7 +6,7 @@ import pickle
 import numpy as np
 import pytest
 
-from fbl_gym import TwoLinkArmEnv
+from fbl_gym import TwoLinkArmEnv, TwoLinkArmVectorEnv
 from tests.fbl_gym.episodes import EVENTFUL, RECORDS, episode, started, started_batch
 
 
@@ -48,3 +48,70 @@ def test_an_environment_unpickled_onto_read_only_memory_steps():
     other = pickle.loads(data, buffers=[bytes(buffer) for buffer in buffers])
     action = np.array([0.1, -0.2])
     np.testing.assert_array_equal(other.step(action)[0], env.step(action)[0])
+
+
+@pytest.mark.parametrize("lanes", [None, 20], ids=["single", "batch"])
+@pytest.mark.parametrize("options", [EVENTFUL, {"scenario": "everything-2@mujoco"}], ids=["own", "mujoco"])
+def test_a_state_that_is_set_continues_as_before(lanes, options):
+    """Through the start of another episode, in an environment that has not begun."""
+    if options is not EVENTFUL:
+        pytest.importorskip("mujoco")
+    make = TwoLinkArmEnv if lanes is None else lambda **options: TwoLinkArmVectorEnv(lanes, **options)
+    env, other = make(**options), make(**options)
+    env.reset(seed=1)
+    shape = (2,) if lanes is None else (lanes, 2)
+    for _ in range(25):
+        env.step(np.full(shape, 0.1))
+    state = env.state()
+    after = [env.step(np.full(shape, 0.1))[0] for _ in range(5)] + [env.reset()[0]]
+    other.set_state(state)
+    again = [other.step(np.full(shape, 0.1))[0] for _ in range(5)] + [other.reset()[0]]
+    np.testing.assert_array_equal(again, after)
+    with pytest.raises(ValueError, match="same arguments and number of arms"):
+        make(scenario="noise-2").set_state(state)
+
+
+@pytest.mark.parametrize(
+    "options", [{}, {"joint": {"frequency": 12.0, "rotor_inertia": 0.5}, "physics_dt": 5e-4}, {"plant": "mujoco"}]
+)
+def test_an_episode_starts_where_reset_says(options):
+    """And the next one starts on its own reference again."""
+    if "plant" in options:
+        pytest.importorskip("mujoco")
+    start = {"position": (-1.2, 0.4), "velocity": (0.5, -0.25), "reference": (-1.0, 0.5)}
+    env, plain = TwoLinkArmEnv(**options), TwoLinkArmEnv(**options)
+    env.reset(seed=3, options=start)
+    truth = env.truth
+    assert (truth.position.tolist(), truth.velocity.tolist()) == ([-1.2, 0.4], [0.5, -0.25])
+    for _ in range(300):
+        env.step(np.zeros(2))
+    assert env.truth.reference.tolist() == [-1.0, 0.5]
+    np.testing.assert_array_equal(env.reset(seed=3)[0], plain.reset(seed=3)[0])
+
+
+def test_some_lanes_of_a_batch_start_where_reset_says():
+    env = started_batch(20)
+    mask = np.arange(20) % 3 == 0
+    position = np.stack([np.linspace(-1.0, -0.5, 20), np.zeros(20)], axis=1)
+    before = env.truth.position
+    env.reset(options={"reset_mask": mask, "position": position})
+    np.testing.assert_array_equal(env.truth.position, np.where(mask[:, None], position, before))
+
+
+@pytest.mark.parametrize(
+    ("options", "reason"),
+    [
+        ({"position": (np.nan, 0.0)}, r"position must be finite numbers of shape \(2,\), got \(nan, 0.0\)"),
+        ({"velocity": 1.0}, r"velocity must be finite numbers of shape \(2,\), got 1.0"),
+        ({"reference": np.zeros((99, 2))}, "or fewer way-points, got shape"),
+        ({"positon": (0.0, 0.0)}, "did you mean 'position'"),
+    ],
+)
+def test_a_start_that_cannot_be_is_refused(options, reason):
+    with pytest.raises(ValueError, match=reason):
+        started().reset(options=options)
+
+
+def test_a_reference_without_way_points_takes_none():
+    with pytest.raises(ValueError, match="must be left out: .* this reference is sine"):
+        TwoLinkArmEnv(reference={"kind": "sine"}).reset(options={"reference": (0.0, 0.0)})

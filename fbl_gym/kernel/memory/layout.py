@@ -53,6 +53,8 @@ The fields of a block; the last axis is that of its lanes. Pairs are of both joi
     kept: the last readings of position and velocity that were not lost.
     reference_position, reference_velocity, reference_acceleration: [rad], [rad/s], [rad/s^2].
     start_position: at the episode's start [rad].
+    given_position, given_velocity: where the next episode starts, if not NaN [rad], [rad/s].
+    given_reference: 1 if the next episode has the way-points that are there now.
     far: control steps in a row beyond `max_error`.
     reward, cost: of the last step; the cost is 1 if it ended beyond a constraint, else 0.
     terminated, truncated, status: 0 or 1; RUNNING, ENDED or RESTART.
@@ -143,7 +145,8 @@ _FIELDS: dict[str, Any] = {
     "bend": _PAIR, "bend_velocity": _PAIR, "segment_inertia": (float, 4), "segment_moment": (float, 4),
     "measured": (float, (3, 2)), "kept": (float, (2, 2)),
     "reference_position": _PAIR, "reference_velocity": _PAIR, "reference_acceleration": _PAIR,
-    "start_position": _PAIR, "far": float, "reward": float, "cost": float,
+    "start_position": _PAIR, "given_position": _PAIR, "given_velocity": _PAIR, "given_reference": float,
+    "far": float, "reward": float, "cost": float,
     "terminated": float, "truncated": float, "status": float,
     "seed": np.uint64, "episode": np.uint64, "step": np.uint64,
 }  # fmt: skip

@@ -42,7 +42,7 @@ def start(block, rows, queue, waypoints, settings, tables, lane):
     block.payload[lane] = block.held_payload[lane]
     lump(block, settings, lane)
 
-    draw_reference(waypoints, settings, tables, lane, seed, episode)
+    draw_reference(waypoints, settings, tables, lane, seed, episode, block.given_reference[lane] == 1.0)
     q1, q2, v1, v2, a1, a2 = reference(waypoints, settings, tables, lane, np.int64(0))
     store_reference(block, lane, (q1, q2, v1, v2, a1, a2))
     if settings.reference_kind == STEPS:  # they jump at once, away from the arm's start
@@ -50,11 +50,21 @@ def start(block, rows, queue, waypoints, settings, tables, lane):
     (error1, error2), (more1, more2) = pair(block.initial_error, lane), pair(block.initial_velocity, lane)
     if more1 != 0.0 or more2 != 0.0:  # else keep the sign of -0.0
         v1, v2 = v1 + more1, v2 + more2
-    put(block.position, lane, (q1 + error1, q2 + error2))
-    put(block.start_position, lane, (q1 + error1, q2 + error2))
-    put(block.velocity, lane, (v1, v2))
+    q1, q2 = _given(block.given_position, lane, (q1 + error1, q2 + error2))
+    put(block.position, lane, (q1, q2))
+    put(block.start_position, lane, (q1, q2))
+    put(block.velocity, lane, _given(block.given_velocity, lane, (v1, v2)))
+    block.given_reference[lane] = 0.0
     _hold_still(block, rows, queue, settings, lane)
     block.far[lane] = 0.0
+
+
+@inline_njit
+def _given(rows, lane, values):
+    """Return what is given for the start of this episode alone, else other values."""
+    given1, given2 = pair(rows, lane)
+    put(rows, lane, (np.nan, np.nan))
+    return values[0] if given1 != given1 else given1, values[1] if given2 != given2 else given2
 
 
 @kernel_njit

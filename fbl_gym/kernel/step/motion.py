@@ -122,13 +122,13 @@ def update_reference(block, waypoints, settings, tables, width):
 
 
 @kernel_njit
-def draw_reference(waypoints, settings, tables, lane, seed, episode):
-    """Set the way-points, levels or phases of a lane for a new episode."""
+def draw_reference(waypoints, settings, tables, lane, seed, episode, given):
+    """Set the way-points, levels or phases of a lane for a new episode, unless they are given."""
     kind, points, index = settings.reference_kind, settings.reference_points, settings.reference_table
     if kind == SAMPLES:
         return
     low, high = settings.reference_low, settings.reference_high
-    for i in range(points):
+    for i in range(0 if given else points):
         draw1, draw2, _, _ = uniforms(seed, _STREAM, episode, np.uint64(i), _ZERO)
         if kind in (ONE_SINE, FOURIER):
             value1, value2 = TWO_PI * draw1, TWO_PI * draw2
