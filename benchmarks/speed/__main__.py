@@ -11,6 +11,7 @@ from benchmarks.run.store import provenance
 from benchmarks.run.suite import load
 from benchmarks.speed.decisions import measure_decisions
 from benchmarks.speed.environments import compare, measure_environments
+from fbl_gym.kernel.step.pool import cores
 from fbl_gym.reading import read_text
 
 LEGEND = """
@@ -42,7 +43,7 @@ def main() -> None:
     for row in rows:
         ratio = f"{row['ratio']:.3g}" if row["peer"] else ""
         print(f"{row['name']:<42} {row['median']:>12,.0f} {ratio:>8}")
-    print(LEGEND)
+    print(f"{LEGEND}\nThis process may use {cores()} cores; rows without a number of threads have one.")
     if arguments.baseline is not None:
         stored = json.loads(read_text(arguments.baseline))["contestants"]
         for name, change in compare(rows, stored).items():

@@ -41,7 +41,7 @@ class TwoLinkArmVectorEnv(TaskProperties, VectorEnv[Array, Array, Array]):
         max_episode_steps: truncate after this number of steps, if the scenario's duration is
             longer.
         threads: number of threads that step the lanes, with the same bits for any number. None: all
-            cores that the process may use from 512 lanes on (`OMP_NUM_THREADS`, affinity and a
+            cores that the process may use from 1,024 lanes on (`OMP_NUM_THREADS`, affinity and a
             container's quota limit them), else one. A thread takes at least 64 lanes. Windows has
             one.
         render_mode: "rgb_array" or None.

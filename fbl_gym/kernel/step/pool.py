@@ -24,14 +24,14 @@ from fbl_gym.kernel.memory.views import record_at
 from fbl_gym.kernel.step.api import STEPS, check
 from fbl_gym.model.arm import Array
 
-LEAST_LANES = 512
+LEAST_LANES = 1024
 """Number of lanes from which on a batch has several threads by default."""
 
 _LEAST_BLOCKS = 4
 """Blocks that a thread takes at once; to take one costs 0.1 us, and to step it 3 to 20."""
 
-_LOOKS = 100
-"""Looks for a job before a worker sleeps, some 50 us; to wake one costs 10 us."""
+_LOOKS = 20_000
+"""Looks before a thread sleeps, some 50 us; to wake it costs 10 us and takes longer."""
 
 _JOB = np.dtype(
     [
@@ -66,7 +66,7 @@ def _external(name, arguments):
 _init_lock, _init_condition = _external("pthread_mutex_init", 2), _external("pthread_cond_init", 2)
 _acquire, _release = _external("pthread_mutex_lock", 1), _external("pthread_mutex_unlock", 1)
 _wait, _wake = _external("pthread_cond_wait", 2), _external("pthread_cond_broadcast", 1)
-_yield = _external("sched_yield", 0)
+_look = _external("pthread_self", 0)  # the compiler must read memory again after any call
 
 SUPPORTED = llvm.address_of_symbol("pthread_cond_wait") is not None
 """False on Windows, where each batch has one thread."""
@@ -122,7 +122,7 @@ def _work(pool):
         looks = 0
         while looks < _LOOKS and (job.seats == 0 or job.next >= job.blocks):
             looks += 1
-            _yield()
+            _look()
         _acquire(lock)
         while job.seats == 0 or job.next >= job.blocks:
             _wait(lock + _POSTED, lock)
@@ -158,7 +158,7 @@ def _run(pool, step, memory, out, moves, threads):
     looks = 0
     while looks < _LOOKS and job.left > 0:
         looks += 1
-        _yield()
+        _look()
     _acquire(lock)
     while job.left > 0:
         _wait(lock + _DONE, lock)
