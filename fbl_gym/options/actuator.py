@@ -15,7 +15,7 @@ class Actuator(Record):
     """The joint drives: the torque command passes limit, delay, rate limit, lag and gain in turn.
 
     Args:
-        torque_limit: largest torque; None: no limit.
+        torque_limit: largest torque, 0 of a joint without a drive; None: no limit.
         delay: time from command to torque, a multiple of physics_dt; a draw is rounded to one.
         lag: time constant of a first-order lag after the delay; 0: no lag.
         gain: real / nominal torque, the error of the torque constant.
@@ -30,7 +30,7 @@ class Actuator(Record):
         ripple_order: periods of the ripple in a turn of the joint.
     """
 
-    torque_limit: Pair | float | None = pair((2000.0, 800.0), unit="N m", above=0, high=1e30, optional=True)
+    torque_limit: Pair | float | None = pair((2000.0, 800.0), unit="N m", low=0, high=1e30, optional=True)
     delay: Number = number(0.0, unit="s", varies=True, low=0, high=100)
     lag: Number = number(0.0, unit="s", varies=True, low=0)
     gain: Numbers = pair(1.0, varies=True, low=0)
@@ -49,7 +49,8 @@ class Actuator(Record):
     def pack(self, packer: Any) -> None:
         """Write limits, gain, delay and lag."""
         settings, scenario = packer.settings, packer.scenario
-        settings["torque_limit"] = np.inf if self.torque_limit is None else self.torque_limit
+        limit = np.broadcast_to(np.inf if self.torque_limit is None else self.torque_limit, 2)
+        settings["torque_limit"], settings["torque_scale"] = limit, np.where(limit > 0, limit, 1.0)
         h, samples = scenario.physics_dt, round(ends(self.delay_samples)[1])
         longest, latest = ends(self.delay)[1], ends(self.jitter)[1]
         delay = samples * scenario.substeps + round(longest * (1 / h)) + round(latest * (1 / h))

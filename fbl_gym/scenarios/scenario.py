@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import json
 import math
+import warnings
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, Literal
@@ -12,7 +13,7 @@ from typing import Any, Literal
 from fbl_gym.interface import class_of
 from fbl_gym.model.arm import ARMS, TABLE_1, ArmParameters, Links
 from fbl_gym.model.real_arms import REAL_ARMS
-from fbl_gym.model.urdf import load_urdf
+from fbl_gym.model.urdf import FILE, RobotFile, RobotFileWarning, read_robot
 from fbl_gym.options import Actuator, Datasheet, ElasticJoint, FlexibleLink, Friction, MuJoCo, ParameterError
 from fbl_gym.options.disturbance import DISTURBANCES, Disturbance
 from fbl_gym.options.events import Event, FrictionChange, events
@@ -23,13 +24,48 @@ from fbl_gym.options.plants import PLANTS
 from fbl_gym.options.references import REFERENCES, MinimumJerk, Reference
 from fbl_gym.options.sensors import SENSORS, Encoder, Noise
 from fbl_gym.records.checks import Pair, check_choice, unknown
-from fbl_gym.records.record import Numbers, Record, build, choice, choices, declared, ends, number, one_of, pair, record
+from fbl_gym.records.record import (
+    Numbers,
+    Record,
+    build,
+    choice,
+    choices,
+    declared,
+    ends,
+    merged,
+    number,
+    one_of,
+    pair,
+    record,
+    set_fields,
+)
+
+
+def with_robot(changes: Mapping[str, Any], base: Scenario) -> dict[str, Any]:
+    """Return changes, of which `arm` is a `RobotFile`, with the drives and friction of the file.
+
+    What the changes give, they keep. A drive whose torque the file leaves open has that of `base`.
+    A warning says what was read.
+    """
+    robot, options = changes["arm"], {}
+    if any(robot.limit):
+        limits = zip(robot.limit, base.actuator.torque_limit or (1e30, 1e30), strict=True)  # type: ignore[arg-type]
+        options["actuator"] = {"torque_limit": [other if limit is None else limit for limit, other in limits]}
+    friction = {"viscous": robot.viscous, "coulomb": robot.coulomb}
+    friction = {name: [x or 0.0 for x in value] for name, value in friction.items() if value != (None, None)}
+    options |= {"friction": friction} if friction else {}
+    warnings.warn(f"{robot.path}: {'; '.join(robot.notes + robot.doubts)}", RobotFileWarning, stacklevel=4)
+    error = changes.get("parameter_error")
+    payload = error.get("payload") if isinstance(error, Mapping) else getattr(error, "payload", None)
+    if not robot.has_tip and (payload is not None or "pick-up" in str(changes.get("events"))):
+        raise ValueError(f"a payload needs the tip: give {robot.path} the length of link 2, as in {robot.path}:0.3 [m]")
+    return merged(options, changes)
 
 
 def as_arm(name: str, value: Any) -> ArmParameters:
     """Return an arm from itself, its name or file, or its fields or those of `Links`."""
-    if isinstance(value, str) and ".urdf" in value:
-        return load_urdf(value)
+    if isinstance(value, RobotFile):
+        return value.arm
     if isinstance(value, str):
         known = ARMS | REAL_ARMS
         value = known[check_choice(name, value, known)]
@@ -95,7 +131,8 @@ class Scenario(Record):
         TABLE_1,
         as_arm,
         "an ArmParameters, a dict of its fields, or of mass, length, centre and inertia in kg, m and kg m^2 (`Links`), "
-        "the path of a .urdf file (or FILE.urdf:TIP), " + ", ".join(f'"{name}"' for name in ARMS | REAL_ARMS),
+        "the path of a .urdf file or MuJoCo's .xml (or FILE.urdf:TIP), "
+        + ", ".join(f'"{name}"' for name in ARMS | REAL_ARMS),
         classes=(ArmParameters,),
     )
     parameter_error: ParameterError | None = record(ParameterError, None, scalar="ratio")
@@ -121,6 +158,12 @@ class Scenario(Record):
     constraints: Constraints | None = record(Constraints, None)
     plant: MuJoCo | None = one_of(PLANTS, None)
     drawn_per: Literal["episode", "seed"] = choice("episode", ("episode", "seed"))
+
+    def __post_init__(self) -> None:
+        if isinstance(self.arm, str) and FILE.match(self.arm):
+            given = {name: value for name, value in vars(self).items() if value != getattr(type(self), name)}
+            set_fields(self, **with_robot({**given, "arm": read_robot(self.arm)}, Scenario()))
+        super().__post_init__()
 
     def validate(self) -> None:
         """Refuse times that do not divide, too many steps, and options that do not fit together."""
@@ -225,6 +268,9 @@ class Scenario(Record):
         for name in changes:
             if name not in names:
                 raise unknown("option", name, names)
+        if isinstance(changes.get("arm"), str) and FILE.match(changes["arm"]):
+            read, old = with_robot({**changes, "arm": read_robot(changes["arm"])}, self), self.to_dict()
+            changes = {name: value if name in changes else merged(old[name], value) for name, value in read.items()}
         return dataclasses.replace(self, **changes)
 
     def to_dict(self) -> dict[str, Any]:

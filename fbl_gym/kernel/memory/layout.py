@@ -152,6 +152,7 @@ SETTINGS = np.dtype(
         ("disturbance_samples", np.int64),
         # Actuator
         ("torque_limit", np.float64, 2),  # [N m], may be infinite
+        ("torque_scale", np.float64, 2),  # torques are shares of it: the limit, or 1 without a drive
         ("delay_steps", np.int64),  # the longest delay in control steps, rounded up
         ("torque_varies", np.bool_),  # torque or disturbance may change within a control step
         ("jittered", np.bool_),

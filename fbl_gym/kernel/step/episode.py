@@ -114,7 +114,7 @@ def _hold_still(block, rows, queue, settings, lane):
         queue[age, 2, lane] = 0.0
     action1, action2 = 0.0, 0.0  # no acceleration
     if kind == NORMALIZED:
-        action1, action2 = tau1 / limit[0], tau2 / limit[1]
+        action1, action2 = tau1 / settings.torque_scale[0], tau2 / settings.torque_scale[1]
     elif kind == TORQUE:
         action1, action2 = tau1, tau2
     put(block.action, lane, (action1, action2))
@@ -129,7 +129,7 @@ def judge(block, settings, width):
     An episode is terminated when the arm leaves its limits, violates a constraint that ends it, or
     has numbers that are not finite. It is truncated when its time is up. It can be both.
     """
-    limit1, limit2 = settings.torque_limit[0], settings.torque_limit[1]
+    scale1, scale2 = settings.torque_scale[0], settings.torque_scale[1]
     logarithmic, last = settings.reward_logarithmic, np.uint64(settings.last_step)
     max_position, max_velocity = settings.max_position, settings.max_velocity
     (low1, low2), (high1, high2) = settings.constraint_low, settings.constraint_high
@@ -157,7 +157,7 @@ def judge(block, settings, width):
         logarithm = settings.reward_norm * log(1.0 + tracking)
         tracking = logarithm if logarithmic else tracking
         tau1, tau2 = pair(block.command, lane)
-        effort = 0.5 * (abs(tau1) / limit1 + abs(tau2) / limit2)
+        effort = 0.5 * (abs(tau1) / scale1 + abs(tau2) / scale2)
         chatter = 0.25 * block.chatter[lane]
         loss = weight1 * min(tracking, 1.0) + weight2 * effort + weight3 * chatter
         block.reward[lane] = max(1.0 - loss, 0.0) if stays else 0.0

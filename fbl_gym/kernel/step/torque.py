@@ -30,7 +30,7 @@ def command(block, rows, queue, settings, actions, count):
         if settings.jittered:
             for lane in range(count):
                 queue[age, 2, lane] = queue[age - 1, 2, lane]
-    limit1, limit2 = settings.torque_limit[0], settings.torque_limit[1]
+    (limit1, limit2), (scale1, scale2) = settings.torque_limit, settings.torque_scale
     for joint in range(2):
         for lane in range(count):
             block.action[joint, lane] = clip(actions[lane, joint], settings.action_limit[joint])
@@ -51,7 +51,7 @@ def command(block, rows, queue, settings, actions, count):
             tau1, tau2 = nominal_torque(block, settings, lane, tau1, tau2)
         tau1, tau2 = clip(tau1, limit1), clip(tau2, limit2)
         before1, before2 = pair(block.command, lane)
-        block.chatter[lane] = abs(tau1 - before1) / limit1 + abs(tau2 - before2) / limit2
+        block.chatter[lane] = abs(tau1 - before1) / scale1 + abs(tau2 - before2) / scale2
         put(block.command, lane, (tau1, tau2))
         put(queue[0], lane, (tau1, tau2))
     if settings.jittered:
