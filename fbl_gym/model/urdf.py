@@ -8,7 +8,8 @@ whatever zeros the file has.
 
 import re
 import warnings
-from typing import NamedTuple
+from collections.abc import Mapping
+from typing import Any, NamedTuple
 from xml.etree import ElementTree
 from xml.etree.ElementTree import Element
 from xml.parsers import expat
@@ -18,6 +19,7 @@ import numpy as np
 from fbl_gym.model.arm import STANDARD_GRAVITY, ArmParameters, Array
 from fbl_gym.reading import read_bytes
 from fbl_gym.records.checks import Pair, check_choice, check_number
+from fbl_gym.records.record import merged
 
 FILE = re.compile(r"(?P<path>.*?\.(?:urdf|xacro|xml|mjcf)(?:\.xacro)?)(?::(?P<names>.*))?$")
 """The text that stands for an arm of a file; names follow it after a colon, separated by commas."""
@@ -107,6 +109,26 @@ class RobotFile(NamedTuple):
     has_tip: bool
     doubts: list[str]
     notes: list[str]
+
+    def options(self, given: Mapping[str, Any], base: Mapping[str, Any]) -> dict[str, Any]:
+        """Return the arm, drives and friction of a scenario, changed by some given options.
+
+        A warning says what was read. What the file has not, is as in the base, a scenario's data.
+        """
+        drive = base["actuator"]["torque_limit"] or (1e30, 1e30)
+        limit = [other if x is None else x for x, other in zip(self.limit, drive, strict=True)]
+        numbers = {"viscous": self.viscous, "coulomb": self.coulomb}
+        friction = {name: [x or 0.0 for x in pair] for name, pair in numbers.items() if pair != (None, None)}
+        warnings.warn(f"{self.path}: {'; '.join(self.notes + self.doubts)}", RobotFileWarning, stacklevel=3)
+        error = given.get("parameter_error")
+        payload = error.get("payload") if isinstance(error, Mapping) else getattr(error, "payload", None)
+        if not self.has_tip and (payload is not None or "pick-up" in str(given.get("events"))):
+            raise ValueError(
+                f"a payload needs the tip: give {self.path} the length of link 2, as in {self.path}:0.3 [m]"
+            )
+        read = {"actuator": {"torque_limit": limit} if any(self.limit) else {}, "friction": friction}
+        read = {name: merged({} if name in given else base[name], value) for name, value in read.items() if value}
+        return merged(read, {**given, "arm": self})
 
 
 def load_urdf(path: str, gravity: float | None = None) -> ArmParameters:
@@ -301,10 +323,6 @@ def _read_urdf(path: str, root: Element) -> _Robot:
         if (kind := joint.attrib["type"]) != "fixed":
             joints[name] = _read_joint(joint, kind, child, poses[child], driven)
     frames = {name: (name, pose[:3, 3]) for name, pose in poses.items()}
-    for frame in root.findall("frame"):  # Drake's
-        if (link := frame.get("link", "")) in poses:
-            place = poses[link] @ [*_read_vector(frame, "xyz", "0 0 0"), 1.0]
-            frames[frame.get("name", "")] = link, place[:3]
     masses = {name: _read_mass(link, poses[name]) for name, link in links.items() if name in poses}
     return _Robot(path, parents, joints, frames, masses, np.array([0.0, 0.0, STANDARD_GRAVITY]))
 

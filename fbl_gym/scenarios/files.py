@@ -27,7 +27,7 @@ from fbl_gym.model.urdf import FILE, RobotFile, read_robot
 from fbl_gym.reading import read_text
 from fbl_gym.records.checks import unknown
 from fbl_gym.records.record import build, merged, naming
-from fbl_gym.scenarios.scenario import Scenario, as_arm, with_robot
+from fbl_gym.scenarios.scenario import Scenario, as_arm
 from fbl_gym.scenarios.tiers import MEMBERS, tier_scenario
 from fbl_gym.scenarios.worlds import in_world
 
@@ -112,12 +112,10 @@ def from_table(table: Mapping[str, Any], path: Path | None = None, above: tuple[
         with naming(fields):
             if "arm" in fields:
                 given = build("scenario", {"arm": merged(parent.to_dict()["arm"], fields["arm"])}, Scenario).arm
-                for doubt in (
-                    () if isinstance(arm, str) else _doubts(given)
-                ):  # before an error that follows from the mistake
+                for doubt in () if isinstance(arm, str) else _doubts(given):  # before an error that follows from it
                     warnings.warn(f"{path or 'arm'}: {doubt}", UnitsWarning, stacklevel=2)
                 parent = tier_scenario(base, given) if base in MEMBERS else parent
-                fields = with_robot(fields, parent) if isinstance(arm, RobotFile) else fields
+                fields = arm.options(fields, parent.to_dict()) if isinstance(arm, RobotFile) else fields
             fields.setdefault("description", f"{parent.name} with other options")
             return build("scenario", merged(parent.to_dict(), fields), Scenario)
     except ValueError as problem:

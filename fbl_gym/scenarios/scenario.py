@@ -5,7 +5,6 @@ from __future__ import annotations
 import dataclasses
 import json
 import math
-import warnings
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, Literal
@@ -13,7 +12,7 @@ from typing import Any, Literal
 from fbl_gym.interface import class_of
 from fbl_gym.model.arm import ARMS, TABLE_1, ArmParameters, Links
 from fbl_gym.model.real_arms import REAL_ARMS
-from fbl_gym.model.urdf import FILE, RobotFile, RobotFileWarning, read_robot
+from fbl_gym.model.urdf import FILE, RobotFile, read_robot
 from fbl_gym.options import Actuator, Datasheet, ElasticJoint, FlexibleLink, Friction, MuJoCo, ParameterError
 from fbl_gym.options.disturbance import DISTURBANCES, Disturbance
 from fbl_gym.options.events import Event, FrictionChange, events
@@ -24,42 +23,7 @@ from fbl_gym.options.plants import PLANTS
 from fbl_gym.options.references import REFERENCES, MinimumJerk, Reference
 from fbl_gym.options.sensors import SENSORS, Encoder, Noise
 from fbl_gym.records.checks import Pair, check_choice, unknown
-from fbl_gym.records.record import (
-    Numbers,
-    Record,
-    build,
-    choice,
-    choices,
-    declared,
-    ends,
-    merged,
-    number,
-    one_of,
-    pair,
-    record,
-    set_fields,
-)
-
-
-def with_robot(changes: Mapping[str, Any], base: Scenario) -> dict[str, Any]:
-    """Return changes, of which `arm` is a `RobotFile`, with the drives and friction of the file.
-
-    What the changes give, they keep. A drive whose torque the file leaves open has that of `base`.
-    A warning says what was read.
-    """
-    robot, options = changes["arm"], {}
-    if any(robot.limit):
-        limits = zip(robot.limit, base.actuator.torque_limit or (1e30, 1e30), strict=True)  # type: ignore[arg-type]
-        options["actuator"] = {"torque_limit": [other if limit is None else limit for limit, other in limits]}
-    friction = {"viscous": robot.viscous, "coulomb": robot.coulomb}
-    friction = {name: [x or 0.0 for x in value] for name, value in friction.items() if value != (None, None)}
-    options |= {"friction": friction} if friction else {}
-    warnings.warn(f"{robot.path}: {'; '.join(robot.notes + robot.doubts)}", RobotFileWarning, stacklevel=4)
-    error = changes.get("parameter_error")
-    payload = error.get("payload") if isinstance(error, Mapping) else getattr(error, "payload", None)
-    if not robot.has_tip and (payload is not None or "pick-up" in str(changes.get("events"))):
-        raise ValueError(f"a payload needs the tip: give {robot.path} the length of link 2, as in {robot.path}:0.3 [m]")
-    return merged(options, changes)
+from fbl_gym.records.record import Numbers, Record, build, choice, choices, declared, ends, number, one_of, pair, record
 
 
 def as_arm(name: str, value: Any) -> ArmParameters:
@@ -162,7 +126,7 @@ class Scenario(Record):
     def __post_init__(self) -> None:
         if isinstance(self.arm, str) and FILE.match(self.arm):
             given = {name: value for name, value in vars(self).items() if value != getattr(type(self), name)}
-            set_fields(self, **with_robot({**given, "arm": read_robot(self.arm)}, Scenario()))
+            vars(self).update(read_robot(self.arm).options(given, Scenario().to_dict()))
         super().__post_init__()
 
     def validate(self) -> None:
@@ -269,8 +233,7 @@ class Scenario(Record):
             if name not in names:
                 raise unknown("option", name, names)
         if isinstance(changes.get("arm"), str) and FILE.match(changes["arm"]):
-            read, old = with_robot({**changes, "arm": read_robot(changes["arm"])}, self), self.to_dict()
-            changes = {name: value if name in changes else merged(old[name], value) for name, value in read.items()}
+            changes = read_robot(changes["arm"]).options(changes, self.to_dict())
         return dataclasses.replace(self, **changes)
 
     def to_dict(self) -> dict[str, Any]:
