@@ -306,9 +306,7 @@ def _passive(logs: Sequence[Log]) -> tuple[int, ...]:
             raise ValueError(f"{log.name}: the arm must move, but rests: its angles change by {moved.round(5)} rad")
     torque = np.max([np.abs(log.torque).mean(axis=0) for log in logs], axis=0)
     if not torque.any():
-        raise ValueError(
-            f"torques must not all be zero, as in {logs[0].name}: --signals names the columns of the commands"
-        )
+        raise ValueError(f"torques must not all be zero, as in {logs[0].name}: name the commands' columns by --signals")
     return tuple(joint + 1 for joint in (0, 1) if torque[joint] < 1e-3 * torque.max())
 
 
@@ -316,21 +314,21 @@ def _refuse_mistakes(logs: list[Log], share: float, unexplained: Callable[[list[
     """Raise an error if the logs fit far better with other signs, zeros, units or another order."""
     if share < UNEXPLAINED:
         return
-    one, two, swap, degree = np.diag([-1.0, 1.0]), np.diag([1.0, -1.0]), np.eye(2)[::-1], np.eye(2) * np.pi / 180
+    same, one, two, swap = np.eye(2), np.diag([-1.0, 1.0]), np.diag([1.0, -1.0]), np.eye(2)[::-1]
     mistakes = {  # matrices for positions and torques, and zeros
-        "the sign of torque 1": (np.eye(2), one, (0, 0)),
-        "the sign of torque 2": (np.eye(2), two, (0, 0)),
-        "the signs of both torques": (np.eye(2), -np.eye(2), (0, 0)),
-        "the sign of position 2": (two, np.eye(2), (0, 0)),
-        "the signs of both positions": (-np.eye(2), np.eye(2), (0, 0)),
+        "the sign of torque 1": (same, one, (0, 0)),
+        "the sign of torque 2": (same, two, (0, 0)),
+        "the signs of both torques": (same, -same, (0, 0)),
+        "the sign of position 2": (two, same, (0, 0)),
+        "the signs of both positions": (-same, same, (0, 0)),
         "the signs of position 2 and torque 2": (two, two, (0, 0)),
-        "the order of the torques": (np.eye(2), swap, (0, 0)),
+        "the order of the torques": (same, swap, (0, 0)),
         "the order of the joints": (swap, swap, (0, 0)),
-        "degrees, by --signals position=deg": (degree, np.eye(2), (0, 0)),
-        "degrees from hanging, by --signals position=deg --zero -1.5708 0": (degree, np.eye(2), (-np.pi / 2, 0)),
+        "degrees, by --signals position=deg": (np.radians(same), same, (0, 0)),
+        "degrees from hanging, by --signals position=deg --zero -1.5708 0": (np.radians(same), same, (-np.pi / 2, 0)),
     }
     for a, b in np.pi * np.array([(-0.5, 0), (0.5, 0), (1, 0), (0, -0.5), (0, 0.5), (0, 1)]):
-        mistakes[f"the zeros of the angles, {a:+.4f} and {b:+.4f} rad by --zero"] = np.eye(2), np.eye(2), (a, b)
+        mistakes[f"the zeros of the angles, {a:+.4f} and {b:+.4f} rad by --zero"] = same, same, (a, b)
     shares = {
         name: unexplained([replace(log, position=log.position @ a + zero, torque=log.torque @ b) for log in logs])
         for name, (a, b, zero) in mistakes.items()
@@ -351,17 +349,10 @@ def refuse_meaningless(fit: Fit, start: Scenario, names: Sequence[str]) -> None:
         start: the scenario that it started from.
         names: of the logs.
     """
-    size = {name: float(np.median(np.hypot(*errors.T))) for name, errors in fit.errors.items()}
-    reasons = [
-        f"its error is no smaller than that of {name}"
-        for name, most in (
-            ("standing still", size["standing still"]),
-            ("starting model", 1.05 * size["starting model"]),
-        )
-        if size["this model"] >= most
-    ]
-    scale = "p4" if start.arm.gravity > 0 else "p1"
-    for name in (scale, "gain 1"):
+    error, base, still = (float(np.median(np.hypot(*errors.T))) for errors in fit.errors.values())
+    reasons = ["its error is no smaller than that of standing still"] * (error >= still)
+    reasons += ["its error is larger than that of the starting model"] * (error > 1.05 * base)
+    for name in ("p4" if start.arm.gravity > 0 else "p1", "gain 1"):
         ratio = fit.parameters[INDEX[name]] / parameters_of(start)[INDEX[name]]
         if not 1 / PLAUSIBLE < ratio < PLAUSIBLE:
             reasons.append(f"{name} is {ratio:.3g} times that of --start")

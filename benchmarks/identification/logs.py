@@ -1,7 +1,6 @@
 """Logs of robots: tables of any maker, at a constant rate after reading."""
 
 import itertools
-import math
 import re
 import warnings
 from collections.abc import Iterable, Mapping
@@ -105,28 +104,27 @@ def _plain(name: str) -> str:
     return re.sub(r"[^a-z0-9]", "", re.split(r"[/.]", name)[-1])
 
 
-def _choose(signal: str, items: tuple[str, ...], names: list[str]) -> dict[str, float]:
+def _choose(path: Path, signal: str, items: tuple[str, ...], names: list[str]) -> dict[str, float]:
     """Return column and factor of one or both joints: a user's items, or names of that meaning."""
     plain = {_plain(name): name for name in reversed(names)}
-    ends = [("",)] if signal == "time" else [("1", "2"), ("0", "1")]
+    ends = [("",), ("0",)] if signal == "time" else [("1", "2"), ("0", "1")]
 
     def of_joints(stems: Iterable[str]) -> list[str]:
         each = ([stem + end for end in pair] for stem in stems for pair in ends)
         return [plain[key] for key in next((keys for keys in each if plain.keys() >= set(keys)), [])]
 
-    chosen: dict[str, float] = {}
-    scale = 1.0
+    scale, chosen = 1.0, dict[str, float]()
     for item in items:
         sign, factors, last = _ITEM.fullmatch(item).groups() if item not in names else ("", "", item)  # type: ignore[union-attr]
-        size = math.prod(
-            (UNITS.get(part) or float(part) for part in factors.split("*")[:-1]), start=-1.0 if sign else 1.0
+        size = float(np.prod([UNITS.get(part) or float(part) for part in factors.split("*")[:-1]])) * (
+            -1 if sign else 1
         )
         if last in UNITS and last not in names:
             scale *= size * UNITS[last]
         elif columns := [last] if last in names else of_joints([_plain(last)]):
             chosen |= dict.fromkeys(columns, size)
         else:
-            raise unknown(f"column of {signal} by --signals", last, names)
+            raise unknown(f"column of {signal} of {path} (--signals)", last, names)
     chosen = chosen or dict.fromkeys(of_joints(MEANINGS[signal].split()), 1.0)
     return {name: size * scale for name, size in chosen.items()}
 
@@ -136,13 +134,10 @@ def _signals(path: Path, table: Any, mapping: Mapping[str, tuple[str, ...]]) -> 
     signals, remarks = {}, []
     for signal in MEANINGS:
         wanted, left_out = 1 if signal == "time" else 2, mapping.get(signal) == ()
-        columns = {} if left_out else _choose(signal, mapping.get(signal, ()), [*table.columns])
+        columns = {} if left_out else _choose(path, signal, mapping.get(signal, ()), [*table.columns])
         if len(columns) == wanted:
-            start = [table[name].iloc[0] if signal == "time" else 0 for name in columns]  # before digits are lost
-            each = zip(columns.items(), start, strict=True)
-            signals[signal] = np.column_stack(
-                [(table[name] - first).to_numpy(float) * size for (name, size), first in each]
-            )
+            parts = [table[name] - (table[name].iloc[0] if signal == "time" else 0) for name in columns]  # keeps digits
+            signals[signal] = np.column_stack(parts).astype(float) * [*columns.values()]
             remarks.append(", ".join(name if size == 1 else f"{size:.4g}*{name}" for name, size in columns.items()))
         elif columns or signal != "velocity":
             raise ValueError(

@@ -15,7 +15,7 @@ def read_table(path: Path) -> Any:
     """Return a `pandas.DataFrame` of a file's numbers, NaN where there is none.
 
     Its index has the lines of the file, or rows if it has none. Columns without a header are "0",
-    "1" and so on.
+    "1" and so on; those of a matrix q of MATLAB "q_0", "q_1".
     """
     import pandas as pd  # it takes long to import
 
@@ -23,13 +23,8 @@ def read_table(path: Path) -> Any:
         table = pd.read_parquet(io.BytesIO(read_bytes(path)))
     elif path.suffix == ".mat":
         fields = {name: value for name, value in loadmat(io.BytesIO(read_bytes(path))).items() if np.ndim(value) == 2}
-        frames = [
-            pd.DataFrame(value if value.shape[0] >= value.shape[1] else value.T).rename(
-                columns=lambda k, name=name, one=1 in value.shape: name if one else f"{name}[{k}]"
-            )
-            for name, value in fields.items()
-        ]
-        table = pd.concat(frames, axis=1)
+        tall = {name: pd.DataFrame(value if len(value) >= len(value.T) else value.T) for name, value in fields.items()}
+        table = pd.concat([value.add_prefix(f"{name}_") for name, value in tall.items()], axis=1)
     else:
         table = _read_text(read_text(path))
     table.columns = [str(name).strip() for name in table.columns]

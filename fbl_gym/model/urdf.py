@@ -38,21 +38,16 @@ class RobotFileWarning(UserWarning):
 class _Joint(NamedTuple):
     """A turning joint at zero angles: the link that it turns, axis and place in the base's frame.
 
-    Effort [N m], damping [N m s/rad] and friction [N m] are None where the file has none.
+    `numbers` are effort [N m], damping [N m s/rad], friction [N m] and velocity [rad/s]; None: not
+    in the file. `rotor` is in kg m^2.
     """
 
     name: str
     link: str
     axis: Array
     place: Array
-    effort: float | None
-    damping: float | None
-    friction: float | None
-    velocity: float | None = None
+    numbers: tuple[float | None, ...]
     rotor: float = 0.0
-
-
-_LIMITS = ("effort", "damping", "friction", "velocity")
 
 
 class _Mass(NamedTuple):
@@ -131,16 +126,16 @@ class RobotFile(NamedTuple):
         return merged(read, {**given, "arm": self})
 
 
-def load_urdf(path: str, gravity: float | None = None) -> ArmParameters:
+def load_urdf(path: str) -> ArmParameters:
     """Return the arm of a file; warn of what was neglected. See `read_robot`."""
-    robot = read_robot(path, gravity)
+    robot = read_robot(path)
     if robot.doubts:
         warnings.warn(f"{path}: {'; '.join(robot.doubts)}", RobotFileWarning, stacklevel=2)
     return robot.arm
 
 
 @np.errstate(over="ignore", invalid="ignore")  # the arm refuses numbers that are not finite
-def read_robot(path: str, gravity: float | None = None) -> RobotFile:
+def read_robot(path: str) -> RobotFile:
     """Return the arm of a URDF file, or of MuJoCo's XML.
 
     The z axis of a URDF file points upwards. Vertical axes of the joints make a horizontal arm,
@@ -150,7 +145,6 @@ def read_robot(path: str, gravity: float | None = None) -> RobotFile:
         path: of the file. Names may follow it, as in FILE.urdf:SHOULDER,ELBOW,TIP: two joints,
             where the file has more (the others are held at 0), and the link at the tip, or the
             length of the second link in m, where the file has no or several frames there.
-        gravity: acceleration of gravity [m/s^2]; None: the standard's, or MuJoCo's of the file.
 
     Raises:
         ValueError: the file does not describe a planar arm of two links.
@@ -170,26 +164,23 @@ def read_robot(path: str, gravity: float | None = None) -> RobotFile:
         inner, outer = outer, inner
     if bodies[outer.link] != 2:
         raise ValueError(f"{path} must be a chain, got both joints {inner.name!r} and {outer.name!r} on one body")
-    return _planar(robot, inner, outer, bodies, [name for name in chosen if name not in robot.joints], gravity)
+    return _planar(robot, inner, outer, bodies, [name for name in chosen if name not in robot.joints])
 
 
 def _pair(robot: _Robot, names: list[str]) -> list[_Joint]:
     """Return the two joints of an arm: those of some names, or all that there are."""
     joints = {name: robot.joints[name] for name in names} or robot.joints
-    for name, joint in joints.items():
-        if isinstance(joint, str) and (names or len(joints) == 2 or "mimic" in joint):
-            raise ValueError(f"{robot.path} must have two revolute joints of their own, but {name!r} {joint}")
-    if len(joints) != 2:
-        raise ValueError(
-            f"{robot.path} must have two revolute joints, got {', '.join(joints) or 'none'}: where there are more, "
-            f"choose two, as in {robot.path}:SHOULDER,ELBOW, and the others are held at 0"
-        )
-    return [joint for joint in joints.values() if isinstance(joint, _Joint)]
+    good = [joint for joint in joints.values() if isinstance(joint, _Joint)]
+    if len(good) == len(joints) == 2:
+        return good
+    got = ", ".join(f"{name} ({joint})" if isinstance(joint, str) else name for name, joint in joints.items())
+    raise ValueError(
+        f"{robot.path} must have two revolute joints, got {got or 'none'}: of more joints, choose two, as in "
+        f"{robot.path}:SHOULDER,ELBOW, and the others are held at 0"
+    )
 
 
-def _planar(
-    robot: _Robot, inner: _Joint, outer: _Joint, bodies: dict[str | None, int], names: list[str], gravity: float | None
-) -> RobotFile:
+def _planar(robot: _Robot, inner: _Joint, outer: _Joint, bodies: dict[str | None, int], names: list[str]) -> RobotFile:
     """Return the arm of two joints and their bodies; complex numbers are vectors in its plane."""
     path, doubts = robot.path, []
     axis, second = (joint.axis / np.linalg.norm(joint.axis) for joint in (inner, outer))
@@ -204,10 +195,10 @@ def _planar(
     upright = float(np.linalg.norm(y))
     if _NOTHING < upright < _TOLERANCE:
         doubts.append(f"gravity is neglected, since the axes are {upright:.2g} rad from the vertical")
-    if upright < _TOLERANCE:
+    if upright < _TOLERANCE:  # any y will do
         upright, y = 0.0, np.cross(axis, np.eye(3)[np.abs(axis).argmin()])
     y /= np.linalg.norm(y)
-    plane, acceleration = np.cross(y, axis) + 1j * y, upright * (size if gravity is None else gravity)
+    plane, acceleration = np.cross(y, axis) + 1j * y, upright * size
 
     def body(number: int, joint: _Joint) -> tuple[float, complex, float]:
         """Return mass, centre of mass from the joint and inertia about the joint."""
@@ -248,7 +239,7 @@ def _planar(
     arm = ArmParameters.from_links(
         (m1, m2), (abs(line), abs(tip)), (offset.real, distance), (inertia1, inertia2), (inner.rotor, outer.rotor), acceleration
     )  # fmt: skip
-    limit, viscous, coulomb, velocity = ((getattr(inner, x), getattr(outer, x)) for x in _LIMITS)
+    limit, viscous, coulomb, velocity = zip(inner.numbers, outer.numbers, strict=True)
     limit = limit if any(limit) else (None, None)
     notes = [f"theta1 = q1 {zero[0]:+.5g} and theta2 = {'-' * (sign < 0)}q2 {zero[1]:+.5g} rad for the file's q1, q2"]
     for name, given in (("torque limits (effort)", limit), ("damping", viscous), ("friction", coulomb)):
@@ -333,18 +324,18 @@ def _read_joint(joint: Element, kind: str, link: str, pose: Array, driven: set[s
     Where transmissions name the driven joints, the others are passive, whatever their effort.
     """
     if kind not in ("revolute", "continuous"):
-        return f"is {kind}"
+        return kind
     if (mimic := joint.find("mimic")) is not None:
-        return f"is a mimic of {mimic.get('joint')!r}"
+        return f"a mimic of {mimic.get('joint')}"
     name, axis = joint.attrib["name"], _read_vector(joint.find("axis"), "xyz", "1 0 0")
     if not np.linalg.norm(axis) > 0.0:
         raise ValueError(f"axis of {name} must have a direction, got {axis}")
-    given = [*joint.findall("limit"), *joint.findall("dynamics")]
-    texts = {key: value for element in given for key, value in element.attrib.items()}
-    effort, *numbers = (float(texts[key]) if key in texts else None for key in _LIMITS)
-    passive = driven and name not in driven
-    limits = (0.0 if passive else effort, *numbers)
-    return _Joint(name, link, pose[:3, :3] @ axis, pose[:3, 3], *limits)  # type: ignore[arg-type]
+    texts = {key: value for tag in ("limit", "dynamics") for each in joint.findall(tag) for key, value in each.items()}
+    if driven and name not in driven:
+        texts["effort"] = "0"
+    names = ("effort", "damping", "friction", "velocity")
+    numbers = tuple(float(texts[key]) if key in texts else None for key in names)
+    return _Joint(name, link, pose[:3, :3] @ axis, pose[:3, 3], numbers)
 
 
 def _read_mass(link: Element, pose: Array) -> _Mass:
@@ -395,18 +386,20 @@ def _read_mujoco(path: str) -> _Robot:
     data.qpos[:] = 0.0 if model.nq == model.nv else model.qpos0
     mujoco.mj_kinematics(model, data)
     links = [model.body(i).name or f"body {i}" for i in range(model.nbody)]
-    motors = [i for i in range(model.nu) if model.actuator_trntype[i] == mujoco.mjtTrn.mjTRN_JOINT]
-    ranges = np.where(model.actuator_ctrllimited[:, None], model.actuator_ctrlrange, np.nan)
-    largest = {int(model.actuator_trnid[i, 0]): np.abs(ranges[i] * model.actuator_gear[i, 0]).max() for i in motors}
+    motors = {
+        int(model.actuator_trnid[i, 0]): i for i in range(model.nu) if model.actuator_trntype[i] == 0
+    }  # of joints
     joints: dict[str, _Joint | str] = {}
     for i in range(model.njnt):
-        name, dof = model.joint(i).name or f"joint {i}", model.jnt_dofadr[i]
-        effort = float(largest.get(i, 0.0 if motors else np.nan))
-        friction = float(model.dof_damping.flat[dof]), float(model.dof_frictionloss[dof])
-        joints[name] = _Joint(
-            name, links[model.jnt_bodyid[i]], data.xaxis[i].copy(), data.xanchor[i].copy(),
-            None if np.isnan(effort) else effort, *friction, rotor=float(model.dof_armature[dof]),
-        ) if model.jnt_type[i] == mujoco.mjtJoint.mjJNT_HINGE else "is no hinge"  # fmt: skip
+        name, dof, motor = model.joint(i).name or f"joint {i}", model.jnt_dofadr[i], motors.get(i)
+        effort = 0.0 if motors else None
+        if motor is not None:
+            largest = float(np.abs(model.actuator_ctrlrange[motor] * model.actuator_gear[motor, 0]).max())
+            effort = largest if model.actuator_ctrllimited[motor] else None
+        numbers = effort, float(model.dof_damping.flat[dof]), float(model.dof_frictionloss[dof]), None
+        joint = name, links[model.jnt_bodyid[i]], data.xaxis[i].copy(), data.xanchor[i].copy(), numbers
+        hinge = model.jnt_type[i] == mujoco.mjtJoint.mjJNT_HINGE
+        joints[name] = _Joint(*joint, rotor=float(model.dof_armature[dof])) if hinge else "no hinge"
     sites = {model.site(i).name: (links[model.site_bodyid[i]], data.site_xpos[i].copy()) for i in range(model.nsite)}
     turns = data.ximat.reshape(-1, 3, 3)
     inertias = np.einsum("nij,nj,nkj->nik", turns, model.body_inertia, turns)
