@@ -186,6 +186,6 @@ def as_scenario(value: Any) -> Scenario:
     """
     if isinstance(value, str | Path):
         return get(str(value))
-    if isinstance(value, Mapping) and ("base" in value or isinstance(value.get("arm"), str)):
+    if isinstance(value, Mapping) and "base" in value:
         return from_table(value)
     return Scenario() if value is None else build("scenario", value, Scenario)
