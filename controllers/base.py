@@ -168,7 +168,10 @@ class TorqueLaw(Law):
     preview: ClassVar[float] = 0.0
 
     def validate(self) -> None:
-        """Refuse an interface without a sensor that the law needs."""
+        """Refuse an interface without a drive, or without a sensor that the law needs."""
+        limit = self.interface.torque_limit
+        if limit is not None and 0.0 in limit:
+            raise ValueError(f"{type(self).__name__} needs both drives, got actuator.torque_limit={limit} N m")
         for sensor in self.needs:
             if sensor not in self.interface.layout:
                 raise ValueError(

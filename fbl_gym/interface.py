@@ -210,7 +210,7 @@ class Interface:
             velocity: measured, [... x 2] rad/s.
         """
         if self.action == "normalized":
-            return self.saturate(torque) / self._torque_limit
+            return self.saturate(torque) / np.where(self._torque_limit > 0, self._torque_limit, 1.0)
         action = torque if self.action == "torque" else forward_dynamics(self.nominal, position, velocity, torque)
         return clip(action, -self._action_limit, self._action_limit)
 

@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 
 from benchmarks.identification.fit import identify
-from benchmarks.identification.logs import COLUMNS, Log, read
+from benchmarks.identification.logs import Log, read
 from benchmarks.identification.model import PARAMETERS, parameters_of
 from fbl_gym import scenarios
 from fbl_gym.envs.env import TwoLinkArmEnv
@@ -49,7 +49,7 @@ def move(robot: Scenario, generator: np.random.Generator, path: Path) -> Log:
     for action in torque.astype(np.float32):
         rows.append(observation[:2])
         observation, *_ = env.step(action)
-    names = [name for signal in ("time", "position", "torque") for name in COLUMNS[signal]]
+    names = ("t", "q1", "q2", "u1", "u2")
     np.savetxt(path, np.column_stack([time, rows, torque]), delimiter=",", header=",".join(names), comments="")
     return read(path)
 

@@ -57,7 +57,7 @@ class Block:
     @property
     def file(self):
         """The file that the block is, named by a comment in its first line."""
-        return "".join(re.findall(r"\A# (\S+\.\w+)\n", self.text))
+        return "".join(re.findall(r"\A(?:#|<!--) (\S+\.\w+)(?: -->)?\n", self.text))
 
     def __str__(self):
         return f"{self.page}:{self.line}"
@@ -94,7 +94,7 @@ def test_code_is_in_a_block_that_says_what_it_is(page):
         bool(block.reason) for block in BLOCKS[page]
     )
     for block in BLOCKS[page]:
-        assert re.fullmatch(r"python|sh|bash|toml|text|bibtex|markdown|\{.*", block.language), block
+        assert re.fullmatch(r"python|sh|bash|toml|text|csv|xml|bibtex|markdown|\{.*", block.language), block
         if block.language == "text":
             assert not re.search(r"^\s*(?:fbl-gym|python|pip|make|import|from) |\w\(", block.text, flags=re.M), block
 
@@ -273,8 +273,9 @@ def marked(page):
 
 @pytest.mark.parametrize("page", [marked(page) for page in RUN])
 @pytest.mark.usefixtures("folder")
+@pytest.mark.filterwarnings("ignore::fbl_gym.model.urdf.RobotFileWarning")
 def test_a_page_runs(page):
-    """From top to bottom, without a warning."""
+    """From top to bottom, without a warning but what was read from a robot's file."""
     links = {os.path.normpath(Path(page).parent / link) for link in re.findall(r"\]\(([^)#\s]+\.md)", PAGES[page])}
     for block in EVERY:
         if block.file and block.page in links - {page}:

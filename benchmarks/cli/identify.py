@@ -11,7 +11,7 @@ from rich.progress import Progress
 from benchmarks.cli.common import add_file, add_option, add_plot, command_line
 from benchmarks.files import write_text
 from benchmarks.identification import excitation, logs, result
-from benchmarks.identification.fit import TERMS, Fit, identify, rollout_errors
+from benchmarks.identification.fit import TERMS, Fit, identify, refuse_meaningless, rollout_errors, standing_still
 from benchmarks.identification.model import parameters_of, windows
 from benchmarks.report.plot import Line, Panel, plot_lines
 from benchmarks.report.terminal import Screen, table
@@ -24,12 +24,16 @@ HORIZONS = (0.1, 0.5, 1.0)
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("logs", nargs="*", type=Path, metavar="LOG", help="CSV files of one arm, which may end in .gz")
+    parser.add_argument(
+        "logs", nargs="*", type=Path, metavar="LOG", help="tables of one arm: text, perhaps .gz, .mat or .parquet"
+    )
     meaning = "a similar arm with the true lengths: a name or a TOML file"
     add_option(parser, "--start", str, "servo-nominal", "SCENARIO", meaning)
     add = parser.add_argument
     add_file(parser, "--toml", "write the scenario of the identified arm", ".toml")
-    columns = "the columns of time, position, torque (commanded) and velocity, such as time=t torque=u1,u2"
+    columns = (
+        "columns, units and signs of time, position, torque (commanded) and velocity: position=deg torque=-u1,0.1*i2"
+    )
     add("--signals", nargs="+", default=(), metavar="SIGNAL=COLUMNS", help=columns)
     zero = "angles of this package where the logs' positions are zero, in rad; -1.5708 0 if they count from hanging"
     add("--zero", nargs=2, type=float, default=(0.0, 0.0), metavar=("Q1", "Q2"), help=zero)
@@ -62,6 +66,7 @@ def run(arguments: argparse.Namespace) -> int:
             fit = identify(runs, start, lambda text: progress.update(task, advance=1, description=text))
         parameters = fit.parameters
         _print(fit, screen)
+        refuse_meaningless(fit, start, [log.name for log in runs])
         if arguments.toml is not None:
             base = result.reached(arguments.start, arguments.toml)
             write_text(arguments.toml, result.text(fit, runs, start, base, command_line()))
@@ -84,34 +89,34 @@ def _print(fit: Fit, screen: Screen) -> None:
         for term, ratio in fit.trials.items()
     )
     screen.say(f"error on windows that were not fitted, with each term: {trials}")
-    screen.say(
-        "Not identifiable by any motion: the first rotor apart from p1; the common scale of masses, friction and gains, "
-        "which the gain of joint 2 fixes."
-    )
+    screen.say(f"Not identifiable by any motion: the first rotor apart from p1. {result.scale_of(fit)}.")
+    ends = [(model, _errors(errors)) for model, errors in fit.errors.items()]
+    title = "error after 0.5 s on these logs, joints 1 and 2: RMS (median) [mrad]"
+    screen.print(table(title, ("model", "error"), ends))
+
+
+def _errors(errors: Array) -> str:
+    """Return RMS and median of the errors of both joints [n x 2], in mrad."""
+    rms, median = 1e3 * np.sqrt((errors**2).mean(axis=0)), 1e3 * np.median(np.abs(errors), axis=0)
+    return f"{rms[0]:.0f} {rms[1]:.0f} ({median[0]:.0f} {median[1]:.0f})"
 
 
 def _validate(
     arguments: argparse.Namespace, judged: list[logs.Log], parameters: Array, start: Array, screen: Screen
 ) -> None:
     """Print the errors of open-loop rollouts, and draw those of the first log."""
-
-    def cell(model: str, length: float) -> str:
-        error = 1e3 * np.concatenate([models[model](log, length) for log in judged])
-        rms, median = np.sqrt((error**2).mean(axis=0)), np.median(np.abs(error), axis=0)
-        return f"{rms[0]:.0f} {rms[1]:.0f} ({median[0]:.0f} {median[1]:.0f})"
-
-    def still(log: logs.Log, length: float) -> Array:
-        data = windows([log], length)
-        return data.state[:, :2] - data.measured[:, -1]
-
     models: dict[str, Callable[[logs.Log, float], Array]] = {
         "this model": lambda log, length: rollout_errors(log, parameters, length)[0],
         "this model, zeros as given": lambda log, length: rollout_errors(log, parameters, length, zeros=False)[0],
         "starting model": lambda log, length: rollout_errors(log, start, length)[0],
-        "standing still": still,
+        "standing still": lambda log, length: standing_still(windows([log], length)),
     }
-    rows = [(model, *(cell(model, length) for length in HORIZONS)) for model in models]
-    header = ("model", *(f"after {length:g} s" for length in HORIZONS))
+    rows = [
+        (log.name, model, *(_errors(errors(log, length)) for length in HORIZONS))
+        for log in judged
+        for model, errors in models.items()
+    ]
+    header = ("log", "model", *(f"after {length:g} s" for length in HORIZONS))
     screen.print(table("open-loop error, joints 1 and 2: RMS (median) [mrad]", header, rows))
     screen.say(
         "Windows start each 0.25 s in the measured state; a log's zeros are estimated from its windows that ended before."

@@ -97,7 +97,8 @@ def boards_of(suites: Sequence[Suite], store: Store) -> dict[str, Board]:
 
 def counts(error: str) -> bool:
     """Return True if an error counts as a failure. An absent extra or sensor does not."""
-    return bool(error) and "DependencyNotInstalled" not in error and "needs a sensor of" not in error
+    expected = ("DependencyNotInstalled", "needs a sensor of", "needs both drives")
+    return bool(error) and not any(each in error for each in expected)
 
 
 def results_of(cells: Sequence[Cell], store: Store) -> list[Result]:

@@ -141,7 +141,8 @@ def follows(scenario: Scenario) -> dict[str, str]:
             facts["torque limit / weight"] = _both(limit / weight, "")
         if scenario.friction is not None:
             dry = np.array([ends(coulomb)[1] for coulomb in scenario.friction.coulomb])  # type: ignore[union-attr]
-            facts["largest Coulomb friction"] = _both(100 * dry / limit, "% of the limit")
+            share = np.divide(100 * dry, limit, out=np.full(2, np.inf), where=limit > 0)
+            facts["largest Coulomb friction"] = _both(share, "% of the limit")
         facts["largest torque of the nominal motion"] = _both(_share(scenario, q, v, a), "% of the limit")
         facts["its largest velocity"] = _both(np.abs(v).max(axis=(0, 1)), "rad/s")
     return facts
@@ -156,7 +157,8 @@ def _share(scenario: Scenario, q: Array, v: Array, a: Array) -> Array:
     if friction := scenario.friction:
         viscous, dry, load = (np.array([*map(middle, x)]) for x in (friction.viscous, friction.coulomb, friction.load))  # type: ignore[arg-type]
         torque = torque + viscous * v + (dry + load * np.abs(torque)) * np.sign(v)
-    return 100 * np.abs(torque).max(axis=(0, 1)) / np.array(scenario.actuator.torque_limit)
+    most, limit = np.abs(torque).max(axis=(0, 1)), np.array(scenario.actuator.torque_limit)
+    return 100 * np.divide(most, limit, out=np.full(2, np.inf), where=limit > 0)
 
 
 def _both(numbers: Array, unit: str) -> str:

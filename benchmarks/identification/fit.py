@@ -11,7 +11,7 @@ import numpy as np
 from scipy.optimize import least_squares
 
 from benchmarks.identification.logs import Log
-from benchmarks.identification.model import INDEX, PARAMETERS, Windows, parameters_of, regress, windows
+from benchmarks.identification.model import INDEX, PARAMETERS, Windows, arm_of, parameters_of, regress, windows
 from fbl_gym.model.arm import Array
 from fbl_gym.scenarios import Scenario
 
@@ -37,6 +37,23 @@ PRECISION = 2e-4
 
 BLOCK = 1.0
 """Length of the parts of one or two logs that are left out in turn [s]."""
+
+LEAST_MOTION = 0.01
+"""Least range of an angle; below it, the arm rests and its encoder flickers [rad]."""
+
+UNEXPLAINED = 0.6
+"""Share of the torques that the first fit leaves, beyond which signs, zeros and units are tried.
+
+It is 0.1 for simulated arms, and 0.2 to 0.4 for logs of two real ones.
+"""
+
+PLAUSIBLE = 5.0
+"""Largest ratio of a fitted number to that of the starting model."""
+
+CHECK = (
+    "Check units (rad and N m; degrees and amperes by --signals position=deg torque=0.1*A), signs, zeros (--zero), "
+    "the order of the joints, the lengths of --start; or give logs of larger motions"
+)
 
 MIXED = 3.0
 """Error of a log by the model of all logs, relative to its own model's, beyond which robots differ.
@@ -68,6 +85,9 @@ class Fit:
         zero: angles at which each log's readings are zero [logs x 2] rad.
         weak: estimated parameters that the logs hardly tell, each with the motion that would.
         trials: held-out error with each term, relative to that without it.
+        passive: joints without torque, whose gain is not told: 1, 2 or none.
+        errors: at the ends of windows of 0.5 s [windows x 2] rad: of the arm, of the one to start
+            from, and of one that stands still.
     """
 
     parameters: Array
@@ -76,6 +96,8 @@ class Fit:
     zero: Array
     weak: dict[str, str]
     trials: dict[str, float]
+    passive: tuple[int, ...]
+    errors: dict[str, Array]
 
     def interval(self) -> Array:
         """Return both ends of each parameter's 90 % interval, which is not below 0 [16 x 2]."""
@@ -209,21 +231,28 @@ def _scale(logs: Sequence[Log], first: Array) -> Array:
 def identify(logs: list[Log], start: Scenario, tick: Callable[[str], object] = str) -> Fit:
     """Return the arm of some logs, from the scenario of a similar one, whose lengths are true.
 
-    The gain of joint 2 is that of `start`: masses, friction and gains share one scale.
+    The gain of joint 2 is that of `start`, or that of joint 1 if joint 2 has no torque: masses,
+    friction and gains share one scale.
 
     Args:
         logs: of one arm, at one rate.
         start: the arm to start from; its lengths, gravity and first rotor are kept.
         tick: called `len(TERMS) + 3` times with words for what is done next.
+
+    Raises:
+        ValueError: the logs have no torque or no motion, are of several robots, or fit far better
+            with other signs, zeros or units.
     """
-    gravity, given = start.arm.gravity, parameters_of(start)
+    gravity, given, passive = start.arm.gravity, parameters_of(start), _passive(logs)
     tie = start.arm.L1 / gravity if gravity > 0 else 0.0
     free: tuple[str, ...] = (
         "p1", "p2", *(("p4", "p5") if gravity > 0 else ("p3",)), "rotor 2", "coulomb 1", "coulomb 2", "viscous 1", "viscous 2",
-        "gain 1", "delay",
+        *(() if passive else ("gain 1",)), "delay",
     )  # fmt: skip
     tick("first fit")
-    first, data = regress(logs, given, start.arm.L1, gravity), windows(logs, every=0.5, substeps=2)
+    first, share = regress(logs, given, start.arm.L1, gravity)
+    _refuse_mistakes(logs, share, lambda logs: regress(logs, given, start.arm.L1, gravity, (first[INDEX["delay"]],))[1])
+    data = windows(logs, every=0.5, substeps=2)
     problem = _Problem(data, free, first, tie, _scale(logs, first))
     x, _, _, size = problem.solve()
     problem = replace(problem, first=problem.unpack(x[None])[0][0])
@@ -246,7 +275,7 @@ def identify(logs: list[Log], start: Scenario, tick: Callable[[str], object] = s
         tick(term)
         longer = replace(problem, free=(*problem.free, *names))
         error = _held_out(longer, part % FOLDS, size)
-        trials[term] = float(np.median(error / least))
+        trials[term] = float(np.median((error + 1e-12) / (least + 1e-12)))
         if trials[term] < LOWERS and (error < 1.01 * least).all():
             problem, least = longer, error
     tick("intervals")
@@ -256,7 +285,86 @@ def identify(logs: list[Log], start: Scenario, tick: Callable[[str], object] = s
     draws = last.draws(x, residual, table)
     wide = draws.std(axis=0) > 0.3 * np.maximum(np.abs(parameters), 0.1 * last.scale)
     weak = {name: EXCITE["p" if name[0] == "p" else name.split()[0]] for name in free if wide[INDEX[name]]}
-    return Fit(parameters, free, draws, zero, weak, trials)
+    base = last.data.simulate(given[None], np.zeros((1, len(last.data.log), 2)), last.data.state)[0]
+    ends = {
+        "this model": last.error(x[None])[0, :, -1],
+        "starting model": (base - last.data.measured)[:, -1],
+        "standing still": standing_still(last.data),
+    }
+    return Fit(parameters, free, draws, zero, weak, trials, passive, ends)
+
+
+def standing_still(data: Windows) -> Array:
+    """Return the errors of an arm that stands still, at the ends of windows [windows x 2]."""
+    return data.state[:, :2] - data.measured[:, -1]
+
+
+def _passive(logs: Sequence[Log]) -> tuple[int, ...]:
+    """Return the joints without torque; refuse arms at rest, and logs without any torque."""
+    for log in logs:
+        if (moved := np.ptp(log.smooth[:, :2], axis=0)).max() < LEAST_MOTION:
+            raise ValueError(f"{log.name}: the arm must move, but rests: its angles change by {moved.round(5)} rad")
+    torque = np.max([np.abs(log.torque).mean(axis=0) for log in logs], axis=0)
+    if not torque.any():
+        raise ValueError(f"torques must not all be zero, as in {logs[0].name}: name the commands' columns by --signals")
+    return tuple(joint + 1 for joint in (0, 1) if torque[joint] < 1e-3 * torque.max())
+
+
+def _refuse_mistakes(logs: list[Log], share: float, unexplained: Callable[[list[Log]], float]) -> None:
+    """Raise an error if the logs fit far better with other signs, zeros, units or another order."""
+    if share < UNEXPLAINED:
+        return
+    same, one, two, swap = np.eye(2), np.diag([-1.0, 1.0]), np.diag([1.0, -1.0]), np.eye(2)[::-1]
+    mistakes = {  # matrices for positions and torques, and zeros
+        "the sign of torque 1": (same, one, (0, 0)),
+        "the sign of torque 2": (same, two, (0, 0)),
+        "the signs of both torques": (same, -same, (0, 0)),
+        "the sign of position 2": (two, same, (0, 0)),
+        "the signs of both positions": (-same, same, (0, 0)),
+        "the signs of position 2 and torque 2": (two, two, (0, 0)),
+        "the order of the torques": (same, swap, (0, 0)),
+        "the order of the joints": (swap, swap, (0, 0)),
+        "degrees, by --signals position=deg": (np.radians(same), same, (0, 0)),
+        "degrees from hanging, by --signals position=deg --zero -1.5708 0": (np.radians(same), same, (-np.pi / 2, 0)),
+    }
+    for a, b in np.pi * np.array([(-0.5, 0), (0.5, 0), (1, 0), (0, -0.5), (0, 0.5), (0, 1)]):
+        mistakes[f"the zeros of the angles, {a:+.4f} and {b:+.4f} rad by --zero"] = same, same, (a, b)
+    shares = {
+        name: unexplained([replace(log, position=log.position @ a + zero, torque=log.torque @ b) for log in logs])
+        for name, (a, b, zero) in mistakes.items()
+    }
+    best = min(shares, key=lambda name: shares[name])
+    if shares[best] < 0.5 * share:
+        raise ValueError(
+            f"the logs leave {100 * share:.0f} % of the torques unexplained, and {100 * shares[best]:.0f} % with one change: "
+            f"check {best}"
+        )
+
+
+def refuse_meaningless(fit: Fit, start: Scenario, names: Sequence[str]) -> None:
+    """Raise an error if a fit explains no motion, or has numbers of no arm like the start.
+
+    Args:
+        fit: to judge.
+        start: the scenario that it started from.
+        names: of the logs.
+    """
+    error, base, still = (float(np.median(np.hypot(*errors.T))) for errors in fit.errors.values())
+    reasons = ["its error is no smaller than that of standing still"] * (error >= still)
+    reasons += ["its error is larger than that of the starting model"] * (error > 1.05 * base)
+    for name in ("p4" if start.arm.gravity > 0 else "p1", "gain 1"):
+        ratio = fit.parameters[INDEX[name]] / parameters_of(start)[INDEX[name]]
+        if not 1 / PLAUSIBLE < ratio < PLAUSIBLE:
+            reasons.append(f"{name} is {ratio:.3g} times that of --start")
+    for name, zero in zip(names, fit.zero, strict=True):
+        if np.abs(zero).max() > 5 * ZERO_SPREAD:
+            reasons.append(f"the zeros of {name} are off by {zero[0]:.4f} and {zero[1]:.4f} rad: add them to --zero")
+    try:
+        arm_of(fit.parameters, start.arm)
+    except ValueError:
+        reasons.append("no two links have its inertias, of which p1 p2 must exceed the square of p3")
+    if reasons:
+        raise ValueError(f"the fit is refused: {'; '.join(reasons)}. {CHECK}")
 
 
 def _held_out(problem: _Problem, fold: Array, size: Array) -> Array:

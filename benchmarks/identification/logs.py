@@ -1,29 +1,33 @@
-"""Logs of robots: CSV files, at a constant rate after reading."""
+"""Logs of robots: tables of any maker, at a constant rate after reading."""
 
-import io
 import itertools
+import re
 import warnings
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from scipy.signal import savgol_filter
 
+from benchmarks.identification.tables import read_table
 from fbl_gym.model.arm import Array
-from fbl_gym.reading import read_text
 from fbl_gym.records.checks import unknown
 
-COLUMNS = {
-    "time": ("time_s",),
-    "position": ("position_1_rad", "position_2_rad"),
-    "torque": ("torque_1_Nm", "torque_2_Nm"),
-    "velocity": ("velocity_1_rad_s", "velocity_2_rad_s"),
+MEANINGS = {
+    "time": "time t timestamp seconds sec",
+    "position": "measuredposition posmeas position pos q theta angle",
+    "torque": "command torquecommand taucmd taucon u torque tau effort",
+    "velocity": "measuredvelocity velmeas velocity vel dq qdot",
 }
-"""The columns of each signal, as in the traces of `fbl-gym evaluate`; a mapping names others.
+"""Names of each signal's columns, without units and joints' numbers, the best first.
 
-`torque` is commanded.
+A command is what the drive was told; it goes before a torque, which may be the one that acted.
 """
+
+UNITS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9, "rad": 1.0, "deg": np.pi / 180, "Nm": 1.0, "A": 1.0}
+"""Factors that `--signals` knows by name; a torque in A takes the torque constant, too."""
 
 SMOOTHING = 0.06
 """Time over which positions are smoothed by a cubic polynomial [s]."""
@@ -40,7 +44,8 @@ FASTEST, SLOWEST = 1e-5, 0.1
 MAX_SPEED = 100.0
 """Fastest motion between two samples; a faster one is a jump of the reading [rad/s]."""
 
-_NEEDED = ("time", "position", "torque")
+LEAST_TIME = 2.0
+"""Shortest log [s]."""
 
 
 def smooth(signal: Array, dt: float, order: int, seconds: float = SMOOTHING) -> Array:
@@ -78,78 +83,124 @@ class Log:
     remarks: tuple[str, ...]
 
 
+_ITEM = re.compile(rf"(-?)((?:(?:[\d.]+(?:e[-+]?\d+)?|{'|'.join(UNITS)})\*)*)(.*)")
+"""A column, or a unit, with its sign and factors."""
+
+
 def columns(texts: Iterable[str]) -> dict[str, tuple[str, ...]]:
-    """Return the columns of each signal, with those that texts such as "torque=u1,u2" name."""
-    mapping: dict[str, tuple[str, ...]] = dict(COLUMNS)
+    """Return the columns and factors of each signal that texts such as "torque=-u1,0.1*i2" name."""
+    mapping: dict[str, tuple[str, ...]] = {}
     for text in texts:
         signal, _, names = text.partition("=")
-        if signal not in COLUMNS:
-            raise unknown("signal", signal, COLUMNS)
-        mapping[signal] = tuple(filter(None, names.split(",")))
-        wanted = 1 if signal == "time" else 2
-        if len(mapping[signal]) not in ({wanted} if signal in _NEEDED else {0, wanted}):
-            raise ValueError(f"--signals must name {wanted} of {signal}, separated by commas, got {text!r}")
+        if signal not in MEANINGS:
+            raise unknown("signal", signal, MEANINGS)
+        mapping[signal] = mapping.get(signal, ()) + tuple(name.strip() for name in names.split(",") if name.strip())
     return mapping
 
 
-def _numbers(path: Path, mapping: Mapping[str, tuple[str, ...]]) -> dict[str, Array]:
-    """Return the signals of a file, [n x number of columns]."""
-    content = io.StringIO(read_text(path))
-    try:
-        with warnings.catch_warnings(action="error"):  # an empty file, or numbers of columns that differ
-            table = np.genfromtxt(content, delimiter=",", names=True, deletechars="")
-    except (ValueError, UserWarning) as problem:
-        raise ValueError(f"{path} must be a table with a header and equal lines: {problem}") from None
-    header = table.dtype.names or ()
-    for signal in _NEEDED:
-        for name in mapping[signal]:
-            if name not in header:
-                raise ValueError(f"{path}: {unknown(f'column of {signal}', name, header)}; --signals names others")
-    wanted = {signal: names for signal, names in mapping.items() if names and set(names) <= set(header)}
-    signals = {signal: np.column_stack([table[name] for name in names]) for signal, names in wanted.items()}
-    bad = ~np.isfinite(np.hstack(list(signals.values()))).all(axis=1)
+def _plain(name: str) -> str:
+    """Return a column's name without path, unit and punctuation."""
+    name = re.sub(r"[\[(][^\d\])]*[\])]|_(rad|deg|nm|s|ms|us|ns|a)(_s)?$", "", name.strip().lower())
+    return re.sub(r"[^a-z0-9]", "", re.split(r"[/.]", name)[-1])
+
+
+def _choose(path: Path, signal: str, items: tuple[str, ...], names: list[str]) -> dict[str, float]:
+    """Return column and factor of one or both joints: a user's items, or names of that meaning."""
+    plain = {_plain(name): name for name in reversed(names)}
+    ends = [("",), ("0",)] if signal == "time" else [("1", "2"), ("0", "1")]
+
+    def of_joints(stems: Iterable[str]) -> list[str]:
+        each = ([stem + end for end in pair] for stem in stems for pair in ends)
+        return [plain[key] for key in next((keys for keys in each if plain.keys() >= set(keys)), [])]
+
+    scale, chosen = 1.0, dict[str, float]()
+    for item in items:
+        sign, factors, last = _ITEM.fullmatch(item).groups() if item not in names else ("", "", item)  # type: ignore[union-attr]
+        size = float(np.prod([UNITS.get(part) or float(part) for part in factors.split("*")[:-1]])) * (
+            -1 if sign else 1
+        )
+        if last in UNITS and last not in names:
+            scale *= size * UNITS[last]
+        elif columns := [last] if last in names else of_joints([_plain(last)]):
+            chosen |= dict.fromkeys(columns, size)
+        else:
+            raise unknown(f"column of {signal} of {path} (--signals)", last, names)
+    chosen = chosen or dict.fromkeys(of_joints(MEANINGS[signal].split()), 1.0)
+    return {name: size * scale for name, size in chosen.items()}
+
+
+def _signals(path: Path, table: Any, mapping: Mapping[str, tuple[str, ...]]) -> tuple[dict[str, Array], list[str]]:
+    """Return the signals of a table [n x number of columns], and the columns in words."""
+    signals, remarks = {}, []
+    for signal in MEANINGS:
+        wanted, left_out = 1 if signal == "time" else 2, mapping.get(signal) == ()
+        columns = {} if left_out else _choose(path, signal, mapping.get(signal, ()), [*table.columns])
+        if len(columns) == wanted:
+            parts = [table[name] - (table[name].iloc[0] if signal == "time" else 0) for name in columns]  # keeps digits
+            signals[signal] = np.column_stack(parts).astype(float) * [*columns.values()]
+            remarks.append(", ".join(name if size == 1 else f"{size:.4g}*{name}" for name, size in columns.items()))
+        elif columns or signal != "velocity":
+            raise ValueError(
+                f"{path}: give {wanted} column{'s' * (wanted - 1)} of {signal} by --signals {signal}=..., got {len(columns)}; "
+                f"there are {', '.join(table.columns)}"
+            )
+    bad = ~np.isfinite(np.hstack([*signals.values()])).all(axis=1)
     if bad.any():
         raise ValueError(
-            f"{path} must have finite numbers, but {bad.sum()} rows lack one, first row {bad.argmax() + 2}"
+            f"{path}: numbers must be finite, but {bad.sum()} rows lack one, first line {table.index[bad.argmax()]}"
         )
-    return signals
+    return signals, remarks
 
 
 def read(
-    path: Path, mapping: Mapping[str, tuple[str, ...]] = COLUMNS, zero: Array | tuple[float, float] = (0.0, 0.0)
+    path: Path, mapping: Mapping[str, tuple[str, ...]] | None = None, zero: Array | tuple[float, float] = (0.0, 0.0)
 ) -> Log:
-    """Return the log of a CSV file, which may be packed with gzip.
+    """Return the log of a file: a text with columns, perhaps packed with gzip, .mat or .parquet.
 
     Args:
         path: of the file.
-        mapping: the columns of each signal.
+        mapping: the columns of each signal, of `columns`; others are found by their meaning.
         zero: angles of this package at which the file's positions are zero [2] rad.
 
     Raises:
         ValueError: a column is missing, time runs back or has a gap, or an encoder is unplugged.
     """
-    signals = _numbers(path, mapping)
-    time = signals["time"][:, 0]
+    try:
+        with warnings.catch_warnings(action="error"):
+            table = read_table(path)
+    except (ValueError, UserWarning, ImportError, NotImplementedError) as problem:
+        raise ValueError(f"{path} must be a table with a header and equal lines: {problem}") from None
+    signals, found = _signals(path, table, mapping or {})
+    time, lines = signals["time"][:, 0], table.index
+    steps = np.diff(time)
     if len(time) < 200:
         raise ValueError(f"{path} must have 200 samples or more, got {len(time)}")
-    steps = np.diff(time)
-    if (steps <= 0).any():
-        raise ValueError(f"{path}: time must increase, but does not after {time[:-1][steps <= 0][0]:g} s")
-    sample, most = float(np.median(steps)), float(steps.max())
+    if (back := steps <= 0).any():
+        raise ValueError(
+            f"{path}: time must increase, but {back.sum()} rows do not, first line {lines[1:][back][0]}: delete them"
+        )
+    sample = float(np.median(steps))
+    named = re.findall(r"(?<![a-z])(?:ms|us|ns)(?![a-z])", found[0].lower())  # else by the size of its intervals
+    unit = next((unit for unit in (*named, "s", "ms", "us", "ns") if FASTEST <= sample * UNITS[unit] <= SLOWEST), "s")
+    time, steps, sample = time * UNITS[unit], steps * UNITS[unit], sample * UNITS[unit]
     if not FASTEST <= sample <= SLOWEST:
         raise ValueError(f"{path}: time must be in s, {FASTEST:g} to {SLOWEST:g} s a sample, got {sample:g}")
-    if most > MAX_GAP * sample:
+    if time[-1] + 1.001 * sample < LEAST_TIME:
+        raise ValueError(f"{path} must be at least {LEAST_TIME:g} s long, got {time[-1]:.4g} s")
+    if (most := float(steps.max())) > MAX_GAP * sample:
         raise ValueError(
-            f"{path} has a gap of {most:.3g} s after {time[steps.argmax()]:g} s: cut it there into two logs"
+            f"{path} has a gap of {most:.3g} s after {time[steps.argmax()]:g} s: cut it there into two logs, before line "
+            f"{lines[steps.argmax() + 1]}"
         )
     position = signals["position"]
     speed = np.abs(np.diff(position, axis=0)) / steps[:, None]
-    for name, fastest in zip(mapping["position"], speed.max(axis=0), strict=True):
+    for name, fastest in zip(("position 1", "position 2"), speed.max(axis=0), strict=True):
         if fastest == 0.0:
             raise ValueError(f"{path}: {name} does not change: its encoder is unplugged, or the column is another one")
         if fastest > MAX_SPEED:
             raise ValueError(
-                f"{path}: {name} must not jump, got {fastest:.3g} rad/s: unplugged, or turns not unwrapped"
+                f"{path}: {name} must not jump, got {fastest:.3g} rad/s: unplugged, turns not unwrapped, or degrees "
+                "(--signals position=deg)"
             )
     dt = max(STEP, round(sample, 4))
     times = np.arange(time[0], time[-1], dt)
@@ -165,6 +216,7 @@ def read(
     peak = np.abs(torque).max(axis=0)
     full = (np.abs(torque) >= peak * (1 - 1e-9)).sum(axis=0) * (peak > 0)
     remarks = (
+        f"columns {'; '.join(found)}" + f"; time is taken to be in {unit}" * (unit != "s"),
         f"{len(time)} samples in {np.ptp(time):.4g} s, {1 / sample:.4g} Hz, intervals of {1e3 * sample:.3g} ms "
         f"(99 %: {1e3 * np.quantile(steps, 0.99):.3g}, longest: {1e3 * most:.3g})",
         "counts per turn: " + ", ".join(f"{n:.0f}" if n else "not found" for n in counts) + f"; velocity: {how}",

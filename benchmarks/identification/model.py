@@ -5,6 +5,7 @@ Each physics step is the kernel's, `fbl_gym.kernel.arm.physics.move`.
 
 import dataclasses
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -15,7 +16,7 @@ from benchmarks.identification.logs import Log, smooth
 from fbl_gym.kernel.arm.physics import move
 from fbl_gym.kernel.maths.fastmath import cached_njit
 from fbl_gym.kernel.memory.layout import EXACT_FRICTION
-from fbl_gym.model.arm import Array, regressor
+from fbl_gym.model.arm import ArmParameters, Array, regressor
 from fbl_gym.records.record import middle
 from fbl_gym.scenarios import Scenario
 
@@ -43,6 +44,14 @@ def parameters_of(scenario: Scenario) -> Array:
     delay = middle(drive.delay) + middle(drive.delay_samples) * scenario.control_dt
     gains = [middle(gain) for gain in drive.gain]  # type: ignore[union-attr]
     return np.array([*lumped, rotor[1], *dry, 0.0, 0.0, *gains, delay, middle(drive.lag)])
+
+
+def arm_of(parameters: Array, start: ArmParameters) -> ArmParameters:
+    """Return the arm of point masses with these parameters, and with the lengths of another."""
+    lumped = parameters[:5].copy()
+    lumped[0] -= start.rotor[0]  # type: ignore[index]
+    rotor = (start.rotor[0], parameters[INDEX["rotor 2"]])  # type: ignore[index]
+    return ArmParameters.from_lumped(lumped, (start.L1, start.L2), rotor, start.gravity)
 
 
 @cached_njit
@@ -175,16 +184,23 @@ def torque_columns(q: Array, v: Array, a: Array) -> Array:
     return np.concatenate([regressor(q, v, a), np.moveaxis(np.array(more), (0, 1, 2), (2, 1, 0))], axis=-1)
 
 
-def regress(logs: list[Log], start: Array, length1: float, gravity: float) -> Array:
+DELAYS = tuple(np.arange(0.0, 0.025, 0.004))
+"""Delays that a linear fit tries [s]."""
+
+
+def regress(
+    logs: Sequence[Log], start: Array, length1: float, gravity: float, delays: Sequence[float] = DELAYS
+) -> tuple[Array, float]:
     """Return parameters by linear least squares from filtered logs, as a start for a fit.
 
     The lumped parameters, the second rotor, Coulomb and viscous friction are linear in the torques,
-    whose delay is tried. Each number stays within 0.2 and 5 times that of `start`.
+    whose delay is tried. Each number stays within 0.2 and 5 times that of `start`. The second value
+    is the size of the torques that are not explained, as a share of all.
     """
     used = [0, 1, 3, 4, 5, 6, 7, 8, 9] if gravity > 0 else [0, 1, 2, 5, 6, 7, 8, 9]
     bounds = start[used] - 0.8 * abs(start[used]), start[used] + 4.0 * abs(start[used]) + 0.1
     fits = []
-    for delay in np.arange(0.0, 0.025, 0.004):
+    for delay in delays:
         rows, torques = [], []
         for log in logs:
             late, margin = round(delay / log.dt), round(0.08 / log.dt)
@@ -193,8 +209,9 @@ def regress(logs: list[Log], start: Array, length1: float, gravity: float) -> Ar
             columns[..., 4] += columns[..., 2] * length1 / gravity if gravity > 0 else 0.0
             rows.append(columns[..., used].reshape(-1, len(used)))
             torques.append(smooth(log.torque, log.dt, 0, 0.08)[margin : len(log.torque) - late - margin].ravel())
-        fits.append((delay, lsq_linear(np.concatenate(rows), np.concatenate(torques), bounds)))
+        every = np.concatenate(torques)
+        solution = lsq_linear(np.concatenate(rows), every, bounds)
+        fits.append((float(np.sqrt(2.0 * solution.cost / (every @ every))), delay, solution.x))
     best = start.copy()
-    best[INDEX["delay"]], solution = min(fits, key=lambda fit: fit[1].cost)
-    best[used] = solution.x
-    return best
+    share, best[INDEX["delay"]], best[used] = min(fits, key=lambda fit: fit[0])
+    return best, share

@@ -9,20 +9,18 @@ import numpy as np
 
 from benchmarks.identification.fit import Fit
 from benchmarks.identification.logs import Log
-from benchmarks.identification.model import INDEX, V_S
-from fbl_gym.model.arm import ArmParameters, Array
+from benchmarks.identification.model import INDEX, V_S, arm_of
 from fbl_gym.scenarios import Scenario
 
 MAX_RADIUS = 1.0
 """Largest radius of masses; beyond it, a number is not identified."""
 
 
-def arm_of(parameters: Array, start: ArmParameters) -> ArmParameters:
-    """Return the arm of point masses with these parameters, and with the lengths of another."""
-    lumped = parameters[:5].copy()
-    lumped[0] -= start.rotor[0]  # type: ignore[index]
-    rotor = (start.rotor[0], parameters[INDEX["rotor 2"]])  # type: ignore[index]
-    return ArmParameters.from_lumped(lumped, (start.L1, start.L2), rotor, start.gravity)
+def scale_of(fit: Fit) -> str:
+    """Return a sentence on what fixes the scale of an arm."""
+    known = 1 if 2 in fit.passive else 2
+    unknown = "".join(f"; gain {joint} is unknown, since joint {joint} has no torque" for joint in fit.passive)
+    return f"Masses, friction and gains share one scale, which gain {known} fixes{unknown}"
 
 
 def text(fit: Fit, logs: Sequence[Log], start: Scenario, base: str, command: str) -> str:
@@ -68,7 +66,7 @@ def text(fit: Fit, logs: Sequence[Log], start: Scenario, base: str, command: str
     )
     return f"""# {command}
 # Estimates with 90 % intervals; inertias in kg m^2, torques in N m, times in s. p1 includes rotor 1, from
-# which no motion tells it apart. Masses, friction and gains share one scale, which gain 2 fixes.
+# which no motion tells it apart. {scale_of(fit)}.
 {estimates}
 base = "{base}"
 description = "identified from {len(logs)} log{"s" * (len(logs) > 1)}: {fit.parameters[0]:.3g} kg m^2 about joint 1"

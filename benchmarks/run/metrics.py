@@ -108,7 +108,7 @@ def measure(trace: Trace, size: Array | None = None) -> list[dict[str, float]]:
     overshoot, settling = _steps(trace)
     area, back, unrecovered = _recovery(trace, mean_error)
     limit = np.inf if trace.scenario.actuator.torque_limit is None else np.array(trace.scenario.actuator.torque_limit)
-    at_limit = alive & (np.abs(trace.command) >= limit * (1 - 1e-9))
+    at_limit = alive & (limit > 0) & (np.abs(trace.command) >= limit * (1 - 1e-9))
     encoder = trace.scenario.encoder
     counts = np.array(FINEST if encoder is None or encoder.counts is None else encoder.counts)
     columns: dict[str, Array] = {

@@ -151,7 +151,7 @@ class TaskProperties:
         fields = ("reference_position", "position", "command", "chatter")
         reference, position, command, chatter = map(self._batch.field, fields)
         limit = self.interface.torque_limit or (np.inf, np.inf)
-        use = np.abs(command) / limit
+        use = np.abs(command) / np.where(np.equal(limit, 0), 1.0, limit)
         error = reference - position
         losses = self._reward.losses(error, use, chatter / 4)
         return {"tracking_error": error, **losses, "saturation": (use >= 1.0).mean(axis=-1), **costs}

@@ -1,38 +1,57 @@
-"""An arm from a URDF file: a chain of two revolute joints with parallel axes.
+"""An arm from a file of a robot, URDF or MuJoCo's XML: two revolute joints with parallel axes.
 
 Bodies that fixed joints connect count as one. The dynamics depends on distances in the plane of
 motion alone, so offsets along the axes are harmless. Angles are this package's: theta1 from the
-horizontal, theta2 = 0 where the tip lies on the line through both joints, whatever zero the file
-has. Torque limits, friction and meshes of the file are not read.
+horizontal, theta2 = 0 where the second centre of mass lies on the line through both joints,
+whatever zeros the file has.
 """
 
-from collections.abc import Iterable
-from typing import NamedTuple
+import re
+import warnings
+from collections.abc import Mapping
+from typing import Any, NamedTuple
 from xml.etree import ElementTree
 from xml.etree.ElementTree import Element
+from xml.parsers import expat
 
 import numpy as np
 
 from fbl_gym.model.arm import STANDARD_GRAVITY, ArmParameters, Array
 from fbl_gym.reading import read_bytes
-from fbl_gym.records.checks import check_choice
+from fbl_gym.records.checks import Pair, check_choice, check_number
+from fbl_gym.records.record import merged
 
-_ON_LINE = 1e-6  # largest distance from a line, as a fraction of the link's length
+FILE = re.compile(r"(?P<path>.*?\.(?:urdf|xacro|xml|mjcf)(?:\.xacro)?)(?::(?P<names>.*))?$")
+"""The text that stands for an arm of a file; names follow it after a colon, separated by commas."""
+
+_NOTHING = 1e-9
+"""Angles, and distances by the link's length, that are rounding errors."""
+
+_TOLERANCE = 0.01
+"""Largest angle between axes, or of link 1's moment of mass beside its line, to neglect [rad]."""
+
+
+class RobotFileWarning(UserWarning):
+    """What was read from the file of a robot, and what was neglected."""
 
 
 class _Joint(NamedTuple):
-    """A joint: name, type, the links that it connects, axis, and pose in the first one [4 x 4]."""
+    """A turning joint at zero angles: the link that it turns, axis and place in the base's frame.
+
+    `numbers` are effort [N m], damping [N m s/rad], friction [N m] and velocity [rad/s]; None: not
+    in the file. `rotor` is in kg m^2.
+    """
 
     name: str
-    type: str
-    parent: str
-    child: str
+    link: str
     axis: Array
-    origin: Array
+    place: Array
+    numbers: tuple[float | None, ...]
+    rotor: float = 0.0
 
 
 class _Mass(NamedTuple):
-    """A link's mass [kg], its centre [3] and its inertia about it [3 x 3]."""
+    """A link's mass [kg], its centre [3] and its inertia about it [3 x 3], in the base's frame."""
 
     mass: float
     centre: Array
@@ -44,162 +63,279 @@ class _Robot(NamedTuple):
 
     Attributes:
         path: of the file, for errors.
-        joints: all, in the file's order.
-        poses: of each link [4 x 4].
-        bodies: number of turning joints before each link, so the base is 0.
+        parents: the parent of each link, from the base on; None: it has none.
+        joints: that turn or slide, by name; None: it cannot be one of an arm's, and why.
+        frames: link and position [3] of each named frame.
         masses: of each link.
+        up: against gravity [3] m/s^2.
     """
 
     path: str
-    joints: list[_Joint]
-    poses: dict[str, Array]
-    bodies: dict[str, int]
+    parents: dict[str, str | None]
+    joints: dict[str, _Joint | str]
+    frames: dict[str, tuple[str, Array]]
     masses: dict[str, _Mass]
+    up: Array
 
-    def position(self, link: str) -> Array:
-        """Return the position of a link's frame [3]."""
-        return self.poses[link][:3, 3]
+
+class RobotFile(NamedTuple):
+    """An arm as a file has it.
+
+    Attributes:
+        path: of the file, for warnings.
+        arm: its links.
+        limit: largest torque of each drive [2] N m, 0 of a passive joint; None: not in the file.
+        viscous: friction of each joint [2] N m s/rad; None: not in the file.
+        coulomb: friction of each joint [2] N m; None: not in the file.
+        sign: direction of this package's angles in those of the file [2].
+        zero: this package's angles at the file's zeros [2] rad.
+        has_tip: False: the length of link 2 is a guess.
+        doubts: what was neglected or guessed, one sentence each.
+        notes: what else was read, or is not.
+    """
+
+    path: str
+    arm: ArmParameters
+    limit: tuple[float | None, ...]
+    viscous: tuple[float | None, ...]
+    coulomb: tuple[float | None, ...]
+    sign: Pair
+    zero: Pair
+    has_tip: bool
+    doubts: list[str]
+    notes: list[str]
+
+    def options(self, given: Mapping[str, Any], base: Mapping[str, Any]) -> dict[str, Any]:
+        """Return the arm, drives and friction of a scenario, changed by some given options.
+
+        A warning says what was read. What the file has not, is as in the base, a scenario's data.
+        """
+        drive = base["actuator"]["torque_limit"] or (1e30, 1e30)
+        limit = [other if x is None else x for x, other in zip(self.limit, drive, strict=True)]
+        numbers = {"viscous": self.viscous, "coulomb": self.coulomb}
+        friction = {name: [x or 0.0 for x in pair] for name, pair in numbers.items() if pair != (None, None)}
+        warnings.warn(f"{self.path}: {'; '.join(self.notes + self.doubts)}", RobotFileWarning, stacklevel=3)
+        error = given.get("parameter_error")
+        payload = error.get("payload") if isinstance(error, Mapping) else getattr(error, "payload", None)
+        if not self.has_tip and (payload is not None or "pick-up" in str(given.get("events"))):
+            raise ValueError(
+                f"a payload needs the tip: give {self.path} the length of link 2, as in {self.path}:0.3 [m]"
+            )
+        read = {"actuator": {"torque_limit": limit} if any(self.limit) else {}, "friction": friction}
+        read = {name: merged({} if name in given else base[name], value) for name, value in read.items() if value}
+        return merged(read, {**given, "arm": self})
+
+
+def load_urdf(path: str) -> ArmParameters:
+    """Return the arm of a file; warn of what was neglected. See `read_robot`."""
+    robot = read_robot(path)
+    if robot.doubts:
+        warnings.warn(f"{path}: {'; '.join(robot.doubts)}", RobotFileWarning, stacklevel=2)
+    return robot.arm
 
 
 @np.errstate(over="ignore", invalid="ignore")  # the arm refuses numbers that are not finite
-def load_urdf(path: str, gravity: float = STANDARD_GRAVITY) -> ArmParameters:
-    """Return the arm of a URDF file.
+def read_robot(path: str) -> RobotFile:
+    """Return the arm of a URDF file, or of MuJoCo's XML.
 
-    The file's z axis points upwards. Vertical axes of the joints make a horizontal arm, which
-    gravity does not move.
+    The z axis of a URDF file points upwards. Vertical axes of the joints make a horizontal arm,
+    which gravity does not move.
 
     Args:
-        path: of the file. The second link needs a frame at its tip: a link on a fixed joint. Where
-            it has several frames, FILE.urdf:LINK names the one at the tip.
-        gravity: acceleration of gravity [m/s^2].
+        path: of the file. Names may follow it, as in FILE.urdf:SHOULDER,ELBOW,TIP: two joints,
+            where the file has more (the others are held at 0), and the link at the tip, or the
+            length of the second link in m, where the file has no or several frames there.
 
     Raises:
         ValueError: the file does not describe a planar arm of two links.
     """
-    file, named, tip = path.partition(".urdf:")
+    match = FILE.match(path)
+    file, names = (match["path"], match["names"] or "") if match else (path, "")
     try:
-        robot = _read_robot(path, read_bytes(file + ".urdf" if named else path))
-    except (OSError, ElementTree.ParseError, KeyError, ValueError) as problem:
-        raise ValueError(f"{path} must be a URDF file: {type(problem).__name__}: {problem}") from None
-    inner, outer = _turning_joints(robot)
-    axis = _common_axis(robot, inner, outer)
-    shoulder, elbow = robot.position(inner.child), robot.position(outer.child)
-    end = robot.position(_tip(robot, outer, axis, tip))
-    if np.linalg.norm(_in_plane(axis, elbow - shoulder)) < _ON_LINE:
-        raise ValueError(f"{path} must have its joints apart, got {inner.name!r} and {outer.name!r} on one axis")
-    links = _link(robot, 1, axis, shoulder, elbow), _link(robot, 2, axis, elbow, end)
-    upright = float(np.linalg.norm(np.cross(axis, (0.0, 0.0, 1.0))))
-    gravity = gravity * upright if upright > _ON_LINE else 0.0
-    return ArmParameters.from_links(*zip(*links, strict=True), gravity=gravity)  # type: ignore[arg-type, misc]
+        robot = _read(file)
+    except (OSError, expat.ExpatError, KeyError, ValueError) as problem:
+        raise ValueError(f"{file} must be a URDF file: {type(problem).__name__}: {problem}") from None
+    chosen = [name for name in names.split(",") if name]
+    inner, outer = _pair(robot, [name for name in chosen if name in robot.joints])
+    bodies: dict[str | None, int] = {None: 0}
+    for link, parent in robot.parents.items():
+        bodies[link] = bodies[parent] + (inner.link == link) + (outer.link == link)
+    if bodies[inner.link] > bodies[outer.link]:
+        inner, outer = outer, inner
+    if bodies[outer.link] != 2:
+        raise ValueError(f"{path} must be a chain, got both joints {inner.name!r} and {outer.name!r} on one body")
+    return _planar(robot, inner, outer, bodies, [name for name in chosen if name not in robot.joints])
 
 
-# The arm of a robot.
-
-
-def _turning_joints(robot: _Robot) -> tuple[_Joint, _Joint]:
-    """Return the joints of the first and the second link."""
-    turning = [joint for joint in robot.joints if joint.type != "fixed"]
-    kinds = [joint.type for joint in turning]
-    if len(kinds) != 2 or not {*kinds} <= {"revolute", "continuous"}:
-        raise ValueError(
-            f"{robot.path} must have two revolute joints, and fixed ones; got {', '.join(kinds) or 'none'}"
-        )
-    inner, outer = sorted(turning, key=lambda joint: robot.bodies[joint.child])
-    if robot.bodies[outer.child] != 2:
-        raise ValueError(f"{robot.path} must be a chain, got both joints {inner.name!r} and {outer.name!r} on one body")
-    return inner, outer
-
-
-def _common_axis(robot: _Robot, *joints: _Joint) -> Array:
-    """Return the direction of the joints' parallel axes [3]."""
-    first, second = (robot.poses[joint.child][:3, :3] @ (joint.axis / np.linalg.norm(joint.axis)) for joint in joints)
-    if np.linalg.norm(np.cross(first, second)) > _ON_LINE:
-        raise ValueError(f"{robot.path} must have parallel axes, got {first.round(6)} and {second.round(6)}")
-    return first
-
-
-def _in_plane(axis: Array, vector: Array) -> Array:
-    """Return a vector's part in the plane of motion."""
-    return vector - axis * (axis @ vector)
-
-
-def _tip(robot: _Robot, outer: _Joint, axis: Array, name: str) -> str:
-    """Return the link at the tip: that of a name, or the only one off the second joint's axis."""
-    elbow = robot.position(outer.child)
-    frames = {
-        link: frame
-        for link, body in robot.bodies.items()
-        if body == 2 and np.linalg.norm(frame := _in_plane(axis, robot.position(link) - elbow)) > _ON_LINE
-    }
-    if not frames:
-        raise ValueError(f"{robot.path} must have a frame at its tip: a link on a fixed joint beyond {outer.name!r}")
-    if name:
-        return check_choice(f"tip in {robot.path}", name, frames)
-    first, *others = frames
-    if any(np.linalg.norm(frames[link] - frames[first]) > _ON_LINE for link in others):
-        raise ValueError(
-            f"{robot.path} must have one frame at its tip, got {', '.join(frames)}: name it, as in "
-            f"{robot.path}:{min(frames)}"
-        )
-    return first
-
-
-def _link(robot: _Robot, body: int, axis: Array, start: Array, end: Array) -> tuple[float, float, float, float]:
-    """Return mass, length, centre and inertia of a body, from its joint to the next or the tip."""
-    parts = [part for link, part in robot.masses.items() if robot.bodies[link] == body]
-    mass = float(sum(part.mass for part in parts))
-    if mass <= 0.0:
-        raise ValueError(f"{robot.path} must give link {body} a mass (an <inertial> element), got {mass:g} kg")
-    line, joint = _in_plane(axis, end - start), _in_plane(axis, start)
-    length = float(np.linalg.norm(line))
-    centre = _in_plane(axis, np.sum([part.mass * part.centre for part in parts], axis=0) / mass)
-    along = float((centre - joint) @ line) / length
-    beside = float(np.linalg.norm(centre - joint - along * line / length))
-    if beside > _ON_LINE * length:
-        raise ValueError(
-            f"{robot.path} must have each centre of mass on the line from joint to joint (or tip), "
-            f"got {beside:g} m beside it in link {body}"
-        )
-    inertia = sum(
-        axis @ part.inertia @ axis + part.mass * np.sum((_in_plane(axis, part.centre) - centre) ** 2) for part in parts
+def _pair(robot: _Robot, names: list[str]) -> list[_Joint]:
+    """Return the two joints of an arm: those of some names, or all that there are."""
+    joints = {name: robot.joints[name] for name in names} or robot.joints
+    good = [joint for joint in joints.values() if isinstance(joint, _Joint)]
+    if len(good) == len(joints) == 2:
+        return good
+    got = ", ".join(f"{name} ({joint})" if isinstance(joint, str) else name for name, joint in joints.items())
+    raise ValueError(
+        f"{robot.path} must have two revolute joints, got {got or 'none'}: of more joints, choose two, as in "
+        f"{robot.path}:SHOULDER,ELBOW, and the others are held at 0"
     )
-    return mass, length, along, float(inertia)
+
+
+def _planar(robot: _Robot, inner: _Joint, outer: _Joint, bodies: dict[str | None, int], names: list[str]) -> RobotFile:
+    """Return the arm of two joints and their bodies; complex numbers are vectors in its plane."""
+    path, doubts = robot.path, []
+    axis, second = (joint.axis / np.linalg.norm(joint.axis) for joint in (inner, outer))
+    sign, tilt = (1.0 if axis @ second > 0 else -1.0), float(np.linalg.norm(np.cross(axis, second)))
+    if tilt > _TOLERANCE:
+        raise ValueError(f"{path} must have parallel axes, got {axis.round(6)} and {second.round(6)}")
+    if tilt > _NOTHING:
+        doubts.append(f"the angle of {tilt:.2g} rad between the axes is neglected")
+    # The plane of motion: y upwards, and positive angles turn as joint 1 does.
+    size = float(np.linalg.norm(robot.up))
+    y = robot.up / max(size, _NOTHING) - axis * (axis @ robot.up) / max(size, _NOTHING)
+    upright = float(np.linalg.norm(y))
+    if _NOTHING < upright < _TOLERANCE:
+        doubts.append(f"gravity is neglected, since the axes are {upright:.2g} rad from the vertical")
+    if upright < _TOLERANCE:  # any y will do
+        upright, y = 0.0, np.cross(axis, np.eye(3)[np.abs(axis).argmin()])
+    y /= np.linalg.norm(y)
+    plane, acceleration = np.cross(y, axis) + 1j * y, upright * size
+
+    def body(number: int, joint: _Joint) -> tuple[float, complex, float]:
+        """Return mass, centre of mass from the joint and inertia about the joint."""
+        parts = [part for link, part in robot.masses.items() if bodies[link] == number]
+        mass = float(sum(part.mass for part in parts))
+        if mass <= 0.0:
+            raise ValueError(f"{path} must give link {number} a mass (an <inertial> element), got {mass:g} kg")
+        at = [complex(plane @ (part.centre - joint.place)) for part in parts]
+        about = (axis @ part.inertia @ axis + part.mass * abs(z) ** 2 for part, z in zip(parts, at, strict=True))
+        return mass, sum(part.mass * z for part, z in zip(parts, at, strict=True)) / mass, float(sum(about))
+
+    (m1, centre1, about1), (m2, centre2, about2) = body(1, inner), body(2, outer)
+    line = complex(plane @ (outer.place - inner.place))
+    if abs(line) < _NOTHING:
+        raise ValueError(f"{path} must have its joints apart, got {inner.name!r} and {outer.name!r} on one axis")
+    offset = centre1 * abs(line) / line  # along the line, and beside it
+    turned, beside = abs(np.angle(m1 * offset + m2 * abs(line))), abs(offset.imag)
+    if acceleration > 0 and turned > _TOLERANCE:
+        raise ValueError(
+            f"{path} must have the centre of mass of link 1 on the line through both joints, got {beside:.3g} m beside it"
+        )
+    if acceleration > 0 and turned > _NOTHING:
+        torque = m1 * beside * acceleration
+        doubts.append(f"the centre of mass of link 1 is {beside:.2g} m beside its line: {torque:.2g} N m are neglected")
+    frames = {
+        name: complex(plane @ (at - outer.place)) for name, (link, at) in robot.frames.items() if bodies[link] == 2
+    }
+    known = _tip(robot, names, {name: at for name, at in frames.items() if abs(at) > 1e-6}, centre2, doubts)
+    tip = 2.0 * centre2 if known is None else known
+    # A centre of mass beside the line to the tip is another zero of theta2.
+    distance = abs(centre2) if (centre2 / tip).real >= 0 else -abs(centre2)
+    towards = centre2 / distance if abs(centre2) > _NOTHING * abs(tip) else tip
+    if (swung := abs(np.angle(tip / towards))) > _NOTHING:
+        doubts.append(f"theta2 = 0 has the centre of mass of link 2 on the line, and the tip {swung:.2g} rad beside it")
+    zero = float(np.angle(line)), float(np.angle(towards / line))
+    own = (about1 - m1 * offset.real**2, about1), (about2 - m2 * distance**2, about2)
+    inertia1, inertia2 = (moment * (abs(moment) > 1e-12 * about) for moment, about in own)  # rounding may be negative
+    arm = ArmParameters.from_links(
+        (m1, m2), (abs(line), abs(tip)), (offset.real, distance), (inertia1, inertia2), (inner.rotor, outer.rotor), acceleration
+    )  # fmt: skip
+    limit, viscous, coulomb, velocity = zip(inner.numbers, outer.numbers, strict=True)
+    limit = limit if any(limit) else (None, None)
+    notes = [f"theta1 = q1 {zero[0]:+.5g} and theta2 = {'-' * (sign < 0)}q2 {zero[1]:+.5g} rad for the file's q1, q2"]
+    for name, given in (("torque limits (effort)", limit), ("damping", viscous), ("friction", coulomb)):
+        notes.append(f"{name}: {', '.join('none' if x is None else f'{x:g}' for x in given)}")
+    if any(velocity):
+        notes.append("the limits of the velocity are not used: `constraints.velocity` has such bounds")
+    return RobotFile(path, arm, limit, viscous, coulomb, (1.0, sign), zero, known is not None, doubts, notes)
+
+
+def _tip(
+    robot: _Robot, names: list[str], frames: dict[str, complex], centre: complex, doubts: list[str]
+) -> complex | None:
+    """Return the tip from the second joint: named, a length, the farthest frame, or None."""
+    for name in names:
+        if re.fullmatch(r"[\d.]+", name):
+            length = check_number(f"length of link 2 in {robot.path}", float(name), above=0)
+            return length * (centre / abs(centre) if centre else 1.0)
+        return frames[check_choice(f"joint or tip in {robot.path}", name, {**robot.joints, **frames})]
+    ahead = {name: at for name, at in frames.items() if (at * centre.conjugate()).real >= 0} or frames
+    if ahead:
+        farthest, *others = sorted(ahead, key=lambda name: -abs(ahead[name]))
+        if others := [name for name in others if abs(ahead[name] - ahead[farthest]) > 1e-6]:
+            doubts.append(
+                f"the tip is taken to be {farthest}, the farthest frame: name another, as in {robot.path}:{others[0]}"
+            )
+        return ahead[farthest]
+    if abs(centre) < 1e-6:
+        raise ValueError(f"{robot.path} must have a frame at its tip: a link on a fixed joint beyond the second one")
+    doubts.append(
+        f"no frame at the tip: the length of link 2 is taken to be {2 * abs(centre):.4g} m, twice the distance of its "
+        f"centre of mass; pictures and payloads need the real one, as in {robot.path}:0.3 [m]"
+    )
+    return None
 
 
 # The robot of a file.
 
 
-def _read_robot(path: str, text: bytes) -> _Robot:
-    root = ElementTree.fromstring(text)
+def _read(path: str) -> _Robot:
+    text = read_bytes(path)
+    # Without namespaces, whose prefixes may be undeclared, and what stands before the declaration.
+    builder, parser = ElementTree.TreeBuilder(), expat.ParserCreate()
+    parser.StartElementHandler, parser.EndElementHandler = builder.start, builder.end
+    parser.Parse(text[max(text.find(b"<?xml"), 0) :], True)
+    root = builder.close()
+    if root.tag == "mujoco":
+        return _read_mujoco(path)
+    if any(element.tag.startswith("xacro:") for element in root.iter()):
+        raise ValueError(f"it has macros of xacro, expand them first: xacro {path} > arm.urdf, or pip install xacrodoc")
+    return _read_urdf(path, root)
+
+
+def _read_urdf(path: str, root: Element) -> _Robot:
     links = {link.attrib["name"]: link for link in root.findall("link")}
-    joints = [_read_joint(joint) for joint in root.findall("joint")]
-    poses, bodies = _place(links, joints)
-    return _Robot(path, joints, poses, bodies, {name: _read_mass(link, poses[name]) for name, link in links.items()})
-
-
-def _place(links: Iterable[str], joints: list[_Joint]) -> tuple[dict[str, Array], dict[str, int]]:
-    """Return each link's pose at zero angles, and the number of turning joints before it."""
-    children = {joint.child for joint in joints}
-    poses = {name: np.eye(4) for name in links if name not in children}
-    bodies = dict.fromkeys(poses, 0)
-    waiting = list(joints)
+    waiting = {joint.attrib["name"]: joint for joint in root.findall("joint")}
+    driven = {joint.get("name") for joint in root.findall("transmission/joint")}
+    ends = {name: [_child(joint, end).attrib["link"] for end in ("parent", "child")] for name, joint in waiting.items()}
+    for parent in {parent for parent, _ in ends.values()} & {"world"} - links.keys():
+        links[parent] = Element("link", name=parent)  # by convention, it needs no declaration
+    below = {child for _, child in ends.values()}
+    parents: dict[str, str | None] = {name: None for name in links if name not in below}
+    poses, joints = {name: np.eye(4) for name in parents}, {}
     while waiting:
-        joint = next((joint for joint in waiting if joint.parent in poses), None)
-        if joint is None:
-            raise ValueError(f"the joints {', '.join(sorted(joint.name for joint in waiting))} hang on no link")
-        waiting.remove(joint)
-        poses[joint.child] = poses[joint.parent] @ joint.origin
-        bodies[joint.child] = bodies[joint.parent] + (joint.type != "fixed")
-    return poses, bodies
+        name = next((name for name in waiting if ends[name][0] in poses), None)
+        if name is None:
+            lost = sorted({parent for parent, _ in ends.values()} - links.keys())
+            raise ValueError(
+                f"the joints {', '.join(sorted(waiting))} hang on no link: {', '.join(lost) or 'a circle'}"
+            )
+        joint, (parent, child) = waiting.pop(name), ends[name]
+        parents[child], poses[child] = parent, poses[parent] @ _read_pose(joint)
+        if (kind := joint.attrib["type"]) != "fixed":
+            joints[name] = _read_joint(joint, kind, child, poses[child], driven)
+    frames = {name: (name, pose[:3, 3]) for name, pose in poses.items()}
+    masses = {name: _read_mass(link, poses[name]) for name, link in links.items() if name in poses}
+    return _Robot(path, parents, joints, frames, masses, np.array([0.0, 0.0, STANDARD_GRAVITY]))
 
 
-def _read_joint(joint: Element) -> _Joint:
-    name, kind = joint.attrib["name"], joint.attrib["type"]
-    parent, child = (_child(joint, end).attrib["link"] for end in ("parent", "child"))
-    axis = _read_vector(joint.find("axis"), "xyz", "1 0 0")
+def _read_joint(joint: Element, kind: str, link: str, pose: Array, driven: set[str | None]) -> _Joint | str:
+    """Return a joint, or why it is no joint of an arm.
+
+    Where transmissions name the driven joints, the others are passive, whatever their effort.
+    """
+    if kind not in ("revolute", "continuous"):
+        return kind
+    if (mimic := joint.find("mimic")) is not None:
+        return f"a mimic of {mimic.get('joint')}"
+    name, axis = joint.attrib["name"], _read_vector(joint.find("axis"), "xyz", "1 0 0")
     if not np.linalg.norm(axis) > 0.0:
         raise ValueError(f"axis of {name} must have a direction, got {axis}")
-    return _Joint(name, kind, parent, child, axis, _read_pose(joint))
+    texts = {key: value for tag in ("limit", "dynamics") for each in joint.findall(tag) for key, value in each.items()}
+    if driven and name not in driven:
+        texts["effort"] = "0"
+    names = ("effort", "damping", "friction", "velocity")
+    numbers = tuple(float(texts[key]) if key in texts else None for key in names)
+    return _Joint(name, link, pose[:3, :3] @ axis, pose[:3, 3], numbers)
 
 
 def _read_mass(link: Element, pose: Array) -> _Mass:
@@ -238,3 +374,36 @@ def _child(element: Element, name: str) -> Element:
     if child is None:
         raise KeyError(f"{name} of <{element.tag} name={element.get('name')!r}>")
     return child
+
+
+def _read_mujoco(path: str) -> _Robot:
+    try:
+        import mujoco
+    except ImportError:
+        raise ValueError("MuJoCo's XML needs the extra: pip install 'fbl-gym[mujoco]'") from None
+    model = mujoco.MjModel.from_xml_path(path)
+    data = mujoco.MjData(model)
+    data.qpos[:] = 0.0 if model.nq == model.nv else model.qpos0
+    mujoco.mj_kinematics(model, data)
+    links = [model.body(i).name or f"body {i}" for i in range(model.nbody)]
+    motors = {
+        int(model.actuator_trnid[i, 0]): i for i in range(model.nu) if model.actuator_trntype[i] == 0
+    }  # of joints
+    joints: dict[str, _Joint | str] = {}
+    for i in range(model.njnt):
+        name, dof, motor = model.joint(i).name or f"joint {i}", model.jnt_dofadr[i], motors.get(i)
+        effort = 0.0 if motors else None
+        if motor is not None:
+            largest = float(np.abs(model.actuator_ctrlrange[motor] * model.actuator_gear[motor, 0]).max())
+            effort = largest if model.actuator_ctrllimited[motor] else None
+        numbers = effort, float(model.dof_damping.flat[dof]), float(model.dof_frictionloss[dof]), None
+        joint = name, links[model.jnt_bodyid[i]], data.xaxis[i].copy(), data.xanchor[i].copy(), numbers
+        hinge = model.jnt_type[i] == mujoco.mjtJoint.mjJNT_HINGE
+        joints[name] = _Joint(*joint, rotor=float(model.dof_armature[dof])) if hinge else "no hinge"
+    sites = {model.site(i).name: (links[model.site_bodyid[i]], data.site_xpos[i].copy()) for i in range(model.nsite)}
+    turns = data.ximat.reshape(-1, 3, 3)
+    inertias = np.einsum("nij,nj,nkj->nik", turns, model.body_inertia, turns)
+    masses = dict(zip(links, map(_Mass, map(float, model.body_mass), data.xipos, inertias), strict=True))
+    parents = {link: links[model.body_parentid[i]] if i else None for i, link in enumerate(links)}
+    frames = {link: (link, data.xpos[i].copy()) for i, link in enumerate(links)} | sites
+    return _Robot(path, parents, joints, frames, masses, -model.opt.gravity)

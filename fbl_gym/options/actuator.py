@@ -15,7 +15,7 @@ class Actuator(Option):
     """The joint drives: the torque command passes limit, delay, rate limit, lag and gain in turn.
 
     Args:
-        torque_limit: largest torque; None: no limit.
+        torque_limit: largest torque, 0 of a joint without a drive; None: no limit.
         delay: time from command to torque, a multiple of physics_dt; a draw is rounded to one.
         lag: time constant of a first-order lag after the delay; 0: no lag.
         gain: real / nominal torque, the error of the torque constant.
@@ -31,7 +31,7 @@ class Actuator(Option):
     """
 
     torque_limit: Pair | float | None = pair(
-        (2000.0, 800.0), unit="N m", above=0, high=1e30, optional=True, kernel="torque_limit", none=_NONE
+        (2000.0, 800.0), unit="N m", low=0, high=1e30, optional=True, kernel="torque_limit", none=_NONE
     )
     delay: Number = number(0.0, unit="s", varies=True, low=0, high=100, kernel="delay", scale=steps)
     lag: Number = number(0.0, unit="s", varies=True, low=0, kernel="lag", scale=steps)
@@ -45,7 +45,8 @@ class Actuator(Option):
     ripple_order: Pair | float = pair(36.0, above=0, high=1e6, kernel="ripple_order")
 
     derived: ClassVar = {
-        "delay_steps": int, "past_actions": int, "torque_varies": bool, "jittered": bool, "rippled": bool,
+        "torque_scale": (float, 2), "delay_steps": int, "past_actions": int,
+        "torque_varies": bool, "jittered": bool, "rippled": bool,
     }  # fmt: skip
     drawn: ClassVar = {"ripple_phase": (float, 2)}
 
@@ -58,6 +59,7 @@ class Actuator(Option):
     def pack(self, packer: Any) -> None:
         """Write the longest delay in control steps, rounded up, and what acts later."""
         settings, scenario = packer.settings, packer.scenario
+        settings["torque_scale"] = [limit or 1.0 for limit in self.torque_limit or _NONE]  # type: ignore[union-attr]
         h, samples = scenario.physics_dt, round(ends(self.delay_samples)[1])
         longest, latest = ends(self.delay)[1], ends(self.jitter)[1]
         delay = samples * scenario.substeps + round(longest * (1 / h)) + round(latest * (1 / h))

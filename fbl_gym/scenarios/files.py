@@ -23,6 +23,7 @@ from pathlib import Path
 from typing import Any
 
 from fbl_gym.model.arm import ArmParameters
+from fbl_gym.model.urdf import FILE, RobotFile, read_robot
 from fbl_gym.reading import read_text
 from fbl_gym.records.checks import unknown
 from fbl_gym.records.record import build, merged, naming
@@ -96,8 +97,7 @@ def from_table(table: Mapping[str, Any], path: Path | None = None, above: tuple[
     base = table.get("base", "")
     file, entry, world = split(str(base))
     parent = load(folder / file, entry, above) if file else Scenario()
-    if ".urdf" in str(arm := fields.get("arm")):
-        fields["arm"] = str(folder / str(arm))
+    arm = fields.get("arm")
     try:
         if not isinstance(base, str) or (file and world):
             raise ValueError(f"base must be a name, or a .toml file without a world, got {base!r}")
@@ -107,13 +107,15 @@ def from_table(table: Mapping[str, Any], path: Path | None = None, above: tuple[
             if mixed := arm.keys() & {"m1", "m2", "L1", "L2"}:
                 raise ValueError(f"arm must have mass and length, or m1, m2, L1 and L2, got also {min(mixed)}")
             fields["arm"] = dataclasses.asdict(as_arm("arm", arm))
+        if isinstance(arm, str) and FILE.match(arm):
+            fields["arm"] = arm = read_robot(str(folder / arm))
         with naming(fields):
             if "arm" in fields:
                 given = build("scenario", {"arm": merged(parent.to_dict()["arm"], fields["arm"])}, Scenario).arm
-                known = isinstance(arm, str) and ".urdf" not in arm
-                for doubt in () if known else _doubts(given):  # before an error that follows from the mistake
+                for doubt in () if isinstance(arm, str) else _doubts(given):  # before an error that follows from it
                     warnings.warn(f"{path or 'arm'}: {doubt}", UnitsWarning, stacklevel=2)
                 parent = tier_scenario(base, given) if base in MEMBERS else parent
+                fields = arm.options(fields, parent.to_dict()) if isinstance(arm, RobotFile) else fields
             fields.setdefault("description", f"{parent.name} with other options")
             return build("scenario", merged(parent.to_dict(), fields), Scenario)
     except ValueError as problem:

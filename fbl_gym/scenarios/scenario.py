@@ -12,7 +12,7 @@ from typing import Any, ClassVar, Literal
 from fbl_gym.interface import class_of
 from fbl_gym.model.arm import ARMS, TABLE_1, ArmParameters, Links
 from fbl_gym.model.real_arms import REAL_ARMS
-from fbl_gym.model.urdf import load_urdf
+from fbl_gym.model.urdf import FILE, RobotFile, read_robot
 from fbl_gym.options import Actuator, Datasheet, ElasticJoint, FlexibleLink, Friction, MuJoCo, ParameterError
 from fbl_gym.options.disturbance import DISTURBANCES, Disturbance
 from fbl_gym.options.events import Event, FrictionChange, events
@@ -28,8 +28,8 @@ from fbl_gym.records.record import Numbers, Option, build, choice, choices, decl
 
 def as_arm(name: str, value: Any) -> ArmParameters:
     """Return an arm from itself, its name or file, or its fields or those of `Links`."""
-    if isinstance(value, str) and ".urdf" in value:
-        return load_urdf(value)
+    if isinstance(value, RobotFile):
+        return value.arm
     if isinstance(value, str):
         known = ARMS | REAL_ARMS
         value = known[check_choice(name, value, known)]
@@ -95,7 +95,8 @@ class Scenario(Option):
         TABLE_1,
         as_arm,
         "an ArmParameters, a dict of its fields, or of mass, length, centre and inertia in kg, m and kg m^2 (`Links`), "
-        "the path of a .urdf file (or FILE.urdf:TIP), " + ", ".join(f'"{name}"' for name in ARMS | REAL_ARMS),
+        "the path of a .urdf file or MuJoCo's .xml (or FILE.urdf:TIP), "
+        + ", ".join(f'"{name}"' for name in ARMS | REAL_ARMS),
         classes=(ArmParameters,),
     )
     parameter_error: ParameterError | None = record(ParameterError, None, scalar="ratio", none=ParameterError())
@@ -125,6 +126,12 @@ class Scenario(Option):
     derived: ClassVar = {
         "substeps": int, "real_rotor": (float, 2), "external_physics": bool, "senses_acceleration": bool,
     }  # fmt: skip
+
+    def __post_init__(self) -> None:
+        if isinstance(self.arm, str) and FILE.match(self.arm):
+            given = {name: value for name, value in vars(self).items() if value != getattr(type(self), name)}
+            vars(self).update(read_robot(self.arm).options(given, Scenario().to_dict()))
+        super().__post_init__()
 
     def validate(self) -> None:
         """Refuse times that do not divide, too many steps, and options that do not fit together."""
@@ -240,6 +247,8 @@ class Scenario(Option):
         for name in changes:
             if name not in names:
                 raise unknown("option", name, names)
+        if isinstance(changes.get("arm"), str) and FILE.match(changes["arm"]):
+            changes = read_robot(changes["arm"]).options(changes, self.to_dict())
         return dataclasses.replace(self, **changes)
 
     def to_dict(self) -> dict[str, Any]:

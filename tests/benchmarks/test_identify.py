@@ -6,11 +6,12 @@ import gzip
 import gymnasium as gym
 import numpy as np
 import pytest
+from scipy.io import savemat
 
 from benchmarks.identification import excitation, result
 from benchmarks.identification import fit as fitting
-from benchmarks.identification.fit import identify, rollout_errors
-from benchmarks.identification.logs import COLUMNS, columns, read, refuse_twice
+from benchmarks.identification.fit import identify, refuse_meaningless, rollout_errors
+from benchmarks.identification.logs import columns, read, refuse_twice
 from benchmarks.identification.model import INDEX, parameters_of, windows
 from benchmarks.identification.result import arm_of
 from fbl_gym import scenarios
@@ -43,7 +44,10 @@ def run(seed, zero=(0.0, 0.0), robot=ROBOT, seconds=6.0):
     return np.array(rows)
 
 
-def write(path, rows, names=(*COLUMNS["time"], *COLUMNS["position"], *COLUMNS["torque"])):
+NAMES = ("time_s", "position_1_rad", "position_2_rad", "torque_1_Nm", "torque_2_Nm")
+
+
+def write(path, rows, names=NAMES):
     with (gzip.open if path.suffix == ".gz" else open)(path, "wt") as file:
         np.savetxt(file, rows, delimiter=",", header=",".join(names), comments="")
     return path
@@ -74,39 +78,74 @@ def fit(files):
 def test_a_log_says_what_was_found(files):
     log = read(files[0])
     assert log.counts == pytest.approx([16384, 16384], rel=1e-3)
-    assert "3000 samples" in log.remarks[0]
-    assert "not logged" in log.remarks[1]
+    assert log.remarks[0] == "columns time_s; position_1_rad, position_2_rad; torque_1_Nm, torque_2_Nm"
+    assert "3000 samples" in log.remarks[1]
+    assert "not logged" in log.remarks[2]
     assert log.dt == 0.004
     assert log.sample == pytest.approx(0.002, rel=0.02)
 
 
-def test_columns_have_names_units_and_a_zero(rows, tmp_path):
-    names = ("t", "a", "b", "u", "w")
-    path = write(tmp_path / "other.csv.gz", rows[0], names)
-    mapping = columns(["time=t", "position=a,b", "torque=u,w"])
-    assert read(path, mapping, (0.5, 0.0)).position[5] == pytest.approx(rows[0][10, 1:3] + (0.5, 0.0), abs=0.01)
-    with pytest.raises(ValueError, match=r"column of time.*--signals"):
-        read(path)
-    with pytest.raises(ValueError, match="signal"):
-        columns(["torqe=u,w"])
-    with pytest.raises(ValueError, match="2 of torque"):
-        columns(["torque=u"])
+HEADER, DEGREES = ",".join(NAMES), 180 / np.pi
+ROS = "%time,field.position0,field.position1,/joint_states/effort[0],/joint_states/effort[1]"
+
+
+@pytest.mark.parametrize(
+    ("change", "factors", "signals"),
+    [
+        (lambda t: "\ufeff# my robot, 2026\n" + t, 1, []),
+        (lambda t: t.replace(",", ";").replace(".", ","), 1, []),
+        (lambda t: t.replace(",", "\t").replace("\n", "\r\n"), 1, []),
+        (lambda t: "# " + t.replace(",", " "), 1, []),
+        (lambda t: t.partition("\n")[2], 1, ["time=0", "position=1,2", "torque=3,4"]),
+        (lambda t: t.replace("time_s", "time [s]"), 1, ["time=time [s]"]),
+        (lambda t: t, [1e3, 1, 1, 1, 1], []),
+        (lambda t: t.replace("time_s", "stamp_us"), [1e6, 1, 1, 1, 1], ["time=stamp_us"]),
+        (lambda t: t, [1, DEGREES, DEGREES, -1, 1 / 0.091], ["position=deg", "torque=-torque_1_Nm,0.091*torque_2_Nm"]),
+        (lambda t: t.replace(HEADER, "t,a,b,tau1,tau2"), [1, DEGREES, 1, -1, -1], ["torque=-tau", "position=deg*a,b"]),
+        (lambda t: t.replace(HEADER, ROS), 1, []),
+        (lambda t: t.replace(HEADER, "t,q1,q2,u1,u2"), [1, 1, 1, 0.1, 0.1], ["torque=10*A"]),
+    ],
+)  # fmt: skip
+def test_logs_as_people_have_them(rows, tmp_path, change, factors, signals):
+    first = read(write(tmp_path / "run.csv", rows[0]))
+    path = write(tmp_path / "other.csv", rows[0] * factors)
+    path.write_text(change(path.read_text()), newline="")
+    log = read(path, columns(signals), (0.5, 0.0))
+    assert log.position == pytest.approx(first.position + (0.5, 0.0), abs=1e-8)
+    assert log.torque == pytest.approx(first.torque, abs=1e-8)
+    assert ("taken to be in" in log.remarks[0]) == (log.remarks[0].count("in ms") + log.remarks[0].count("in us") > 0)
+
+
+def test_logs_of_matlab_and_traces(rows, tmp_path):
+    """Of a trace, the readings and the commands are meant, not what acted."""
+    savemat(tmp_path / "run.mat", {"t": rows[0][:, 0], "q": rows[0][:, 1:3], "u": rows[0][:, 3:].T})
+    assert read(tmp_path / "run.mat").position == pytest.approx(read(write(tmp_path / "a.csv", rows[0])).position)
+    more = np.hstack([rows[0], rows[0][:, 1:] + 1.0])
+    measured = ("measured_position_1_rad", "measured_position_2_rad", "command_1_Nm", "command_2_Nm")
+    trace = write(tmp_path / "b.csv", more, (*NAMES, *measured))
+    assert read(trace).remarks[0] == f"columns time_s; {', '.join(measured[:2])}; {', '.join(measured[2:])}"
+    for text in ("torqe=u,w", "torque=u,w", "torque=torque_1_Nm"):
+        with pytest.raises(ValueError, match=r"signal 'torqe'|column of torque.*--signals|2 columns of torque"):
+            read(trace, columns([text]))
 
 
 @pytest.mark.parametrize(
     ("damage", "message"),
     [
-        (lambda r: np.delete(r, slice(1000, 1100), axis=0), r"gap of 0\.2"),
-        (lambda r: r * [1, 1, 0, 1, 1], "position_2_rad does not change.*unplugged"),
-        (lambda r: np.concatenate([r, r]), "time must increase"),
-        (lambda r: np.where(np.arange(len(r))[:, None] == 7, np.nan, r), "finite.*row 9"),
-        (lambda r: r + np.outer(np.arange(len(r)) > 50, [0, 6.3, 0, 0, 0]), "position_1_rad must not jump.*unwrapped"),
+        (lambda r: np.delete(r, slice(1000, 1100), axis=0), r"gap of 0\.2.*before line 1002"),
+        (lambda r: r * [1, 1, 0, 1, 1], "position 2 does not change.*unplugged"),
+        (lambda r: np.concatenate([r, r]), "1 rows do not, first line 3002"),
+        (lambda r: np.where(np.arange(len(r))[:, None] == 7, np.nan, r), "finite.*line 9"),
+        (
+            lambda r: r + np.outer(np.arange(len(r)) > 50, [0, 6.3, 0, 0, 0]),
+            "position 1 must not jump.*unwrapped, or degrees",
+        ),
         (
             lambda r: r * np.where(np.arange(len(r))[:, None] < np.abs(r[:, 2]).argmax(), 1, [1, 1, 0, 1, 1]),
             "unplugged",
         ),
         (lambda r: r[:50], "200 samples"),
-        (lambda r: r * [1000, 1, 1, 1, 1], "time must be in s, 1e-05 to 0.1 s a sample, got"),
+        (lambda r: r[:900], "at least 2 s"),
     ],
 )
 def test_a_damaged_log_is_refused(rows, tmp_path, damage, message):
@@ -129,7 +168,7 @@ def test_logs_of_two_rates_do_not_mix(files):
 
 
 @pytest.mark.parametrize(
-    ("text", "message"), [("", "header.*Empty"), ("time_s,a\n1,2\n1,2,3\n", "equal lines.*Line #3")]
+    ("text", "message"), [("", "header.*No columns"), ("time_s,a\n1,2\n1,2,3\n", "equal lines.*line 3")]
 )
 def test_a_file_that_is_no_table_is_refused(tmp_path, text, message):
     (tmp_path / "bad.csv").write_text(text)
@@ -145,6 +184,46 @@ def test_logs_of_two_robots_are_refused(files, tmp_path):
     other = read(write(tmp_path / "heavy.csv", run(5, robot=heavy)))
     with pytest.raises(ValueError, match="one robot"):
         identify([read(path) for path in files] + [other], START)
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        (lambda r: r * [1, 1, 1, 0, 0], "torques must not all be zero"),
+        (lambda r: r * [1, 1e-4, 1e-4, 1, 1], "must move, but rests"),
+        (lambda r: r * [1, 1, 1, 1, -1], "check the sign of torque 2"),
+        (lambda r: r * [1, -1, -1, 1, 1], "check the signs of both positions"),
+        (lambda r: r[:, [0, 2, 1, 4, 3]], "check the order of the joints"),
+        (lambda r: r + [0, np.pi / 2, 0, 0, 0], "check the zeros of the angles, -1.5708 and"),
+        (lambda r: r * [1, 1, 1, 11, 11], "p4 is 10.5 times that of --start. Check units"),
+    ],
+)
+def test_a_fit_that_means_nothing_is_refused(rows, tmp_path, monkeypatch, change, message):
+    monkeypatch.setattr(fitting, "FOLDS", 2)
+    log = read(write(tmp_path / "wrong.csv", change(rows[0])))
+    with pytest.raises(ValueError, match=message):
+        refuse_meaningless(identify([log], START), START, ["wrong.csv"])
+
+
+def test_a_fit_is_no_better_than_standing_still(fit):
+    still = dataclasses.replace(fit, errors=dict.fromkeys(fit.errors, fit.errors["standing still"]))
+    with pytest.raises(ValueError, match="no smaller than that of standing still"):
+        refuse_meaningless(still, START, ["a", "b"])
+    refuse_meaningless(fit, START, ["a", "b"])
+
+
+@pytest.mark.slow
+def test_the_drive_that_has_torque_fixes_the_scale(tmp_path, monkeypatch):
+    """A pendubot: joint 2 has no torque, and the start is wrong by a fifth."""
+    monkeypatch.setattr(fitting, "FOLDS", 2)
+    robot = ROBOT.replace(actuator={"torque_limit": (10.0, 0.0), "delay": 0.006})
+    rows = run(6, robot=robot, seconds=8.0) * [1, 1, 1, 1, 0]
+    start = START.replace(arm=dataclasses.replace(START.arm, m1=1.2 * START.arm.m1, m2=1.2 * START.arm.m2))
+    found = identify([read(write(tmp_path / "pendubot.csv", rows))], start)
+    low, high = found.interval()[INDEX["p4"]]
+    assert found.passive == (2,)
+    assert "gain 1 fixes; gain 2 is unknown" in result.scale_of(found)
+    assert 0.998 * low < robot.arm.lumped[3] < 1.002 * high
 
 
 def test_the_command_of_coverage_counts_intervals_that_hold(capsys, monkeypatch):
@@ -220,7 +299,8 @@ def test_the_command_writes_a_scenario_with_distributions(files, folder, monkeyp
     text = fbl_gym([*command, "--validate", str(files[2]), "--plot", "fit.png"]).out
     assert (folder / "fit.png").stat().st_size > 1000
     assert "starting model" in text
-    assert "common scale" in text
+    assert "share one scale" in text
+    assert text.count("standing still") == 2
     scenario = scenarios.get("my_arm.toml")
     for value, true in ((scenario.friction.coulomb, (0.15, 0.1)), (scenario.actuator.gain[:1], (0.9,))):
         for each, number in zip(value, true, strict=True):

@@ -113,5 +113,5 @@ def test_a_start_that_cannot_be_is_refused(options, reason):
 
 
 def test_a_reference_without_way_points_takes_none():
-    with pytest.raises(ValueError, match="must be left out: .* this reference is sine"):
+    with pytest.raises(ValueError, match=r"must be left out: .* this reference is sine"):
         TwoLinkArmEnv(reference={"kind": "sine"}).reset(options={"reference": (0.0, 0.0)})

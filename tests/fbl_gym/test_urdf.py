@@ -4,9 +4,11 @@ import mujoco
 import numpy as np
 import pytest
 
+import controllers
 from fbl_gym import Scenario, TwoLinkArmEnv
-from fbl_gym.model.arm import coriolis_matrix, gravity_torque, inertia_matrix, inverse_dynamics
-from fbl_gym.model.urdf import load_urdf
+from fbl_gym.model.arm import inverse_dynamics
+from fbl_gym.model.urdf import RobotFileWarning, load_urdf, read_robot
+from fbl_gym.scenarios import as_scenario
 
 pin = pytest.importorskip("pinocchio")  # Windows has none
 
@@ -44,28 +46,82 @@ def file(tmp_path):
     return write
 
 
-def test_the_dynamics_equals_pinocchios(file):
-    """About y, positive angles turn the arm downwards: theta = -q."""
-    path = file(chain())
-    arm, model = load_urdf(path), pin.buildModelFromUrdf(path)
-    data = model.createData()
-    rng = np.random.default_rng(0)
+def assert_equal_to(path, torque_of, tolerance=1e-9):
+    """Compare torques, in the file's angles, at random states with those of another program's model."""
+    robot, rng = read_robot(path), np.random.default_rng(0)
+    sign, zero = np.array(robot.sign), np.array(robot.zero)
     for q, v, a in rng.uniform(-3, 3, (50, 3, 2)):
-        torque = pin.rnea(model, data, -q, -v, -a)
-        np.testing.assert_allclose(inverse_dynamics(arm, q, v, a), -torque, rtol=1e-9, atol=1e-9)
+        torque = sign * inverse_dynamics(robot.arm, sign * q + zero, sign * v, sign * a)
+        np.testing.assert_allclose(torque, torque_of(q, v, a), rtol=tolerance, atol=tolerance * 10)
 
 
-def test_the_dynamics_equals_mujocos(file):
+def pinocchios(text):
+    model = pin.buildModelFromXML(text.replace('xmlns="https://drake.mit.edu"', ""))
+    data = model.createData()
+    return lambda q, v, a: pin.rnea(model, data, pin.integrate(model, pin.neutral(model), q), v, a)
+
+
+def mujocos(path):
+    model = mujoco.MjModel.from_xml_path(path)
+    model.dof_damping[:], model.dof_frictionloss[:] = 0.0, 0.0
+    data = mujoco.MjData(model)
+
+    def torque(q, v, a):
+        data.qpos[:], data.qvel[:], data.qacc[:] = q, v, a
+        mujoco.mj_inverse(model, data)
+        return data.qfrc_inverse.copy()
+
+    return torque
+
+
+def fixed(child, xyz, more=""):
+    return f'''<link name="{child}"/><joint name="to {child}" type="fixed"><parent link="two"/><child link="{child}"/>
+        <origin xyz="{xyz}"/>{more}</joint>'''
+
+
+BEHIND = fixed("weight", "-0.8 0 0")
+HOLD = """<link name="world"/><joint name="hold" type="fixed"><parent link="world"/><child link="base"/></joint>"""
+NO_TIP = chain().replace('<origin xyz="0.3 0 0"/></joint>\n    </robot>', "</joint></robot>")
+
+
+@pytest.mark.parametrize(
+    ("text", "tolerance", "doubts"),
+    [
+        (chain(), 1e-9, ""),
+        (chain(axis2="0 -2 0", kind="continuous", base='0 0 1" rpy="0.5 0.2 -0.7'), 1e-9, ""),
+        (chain().replace("0 1 0", "0 0 1"), 1e-9, "the tip 0.1 rad beside it"),
+        (chain(extra=fixed("camera", "0.1 0 0", '<axis xyz="0 0 0"/>')), 1e-9, "tool, the farthest frame: name another, as in"),
+        (NO_TIP, 1e-9, "no frame at the tip: the length of link 2 is taken to be 0.2 m"),
+        (chain(extra=HOLD).replace("<robot", '<robot xmlns="https://drake.mit.edu"'), 1e-9, ""),
+        (chain(centre2="0.12 0.02 0.03"), 1e-9, "tip 0.15 rad"),
+        (chain(extra=BEHIND), 1e-9, ""),
+        (chain(elbow='0.4 0.05 0" rpy="0 3.14 0'), 1e-9, ""),
+        (chain(elbow="0.4 0.05 2e-6"), 1e-4, "link 1 is 9.4e-07 m beside its line: 3.7e-05 N m are neglected"),
+        (chain(elbow='0.4 0.05 0" rpy="3.14 0 0'), 1e-2, "0.0016 rad between the axes is neglected"),
+        (chain(base='0 0 1" rpy="1.57 0 0'), 3e-2, "gravity is neglected, since the axes are 0.0008 rad"),
+    ],
+)  # fmt: skip
+def test_the_dynamics_equals_pinocchios(file, text, tolerance, doubts):
+    """To rounding, or within what the file's reader says that it neglected."""
+    path = file(text)
+    assert doubts in "; ".join(read_robot(path).doubts)
+    assert (doubts == "") == (read_robot(path).doubts == [])
+    assert_equal_to(path, pinocchios(text), tolerance)
+
+
+def test_the_dynamics_equals_mujocos(file, tmp_path):
     path = file(chain())
-    arm, model = load_urdf(path), mujoco.MjModel.from_xml_path(path)
-    data, inertia = mujoco.MjData(model), np.zeros((2, 2))
-    for q, v in np.random.default_rng(1).uniform(-3, 3, (50, 2, 2)):
-        data.qpos[:], data.qvel[:] = -q, -v
-        mujoco.mj_forward(model, data)
-        for joint in range(2):
-            mujoco.mj_mulM(model, data, inertia[joint], np.eye(2)[joint])
-        np.testing.assert_allclose(inertia_matrix(arm, q), inertia, rtol=1e-9)
-        np.testing.assert_allclose(coriolis_matrix(arm, q, v) @ v + gravity_torque(arm, q), -data.qfrc_bias, atol=1e-9)
+    assert_equal_to(path, mujocos(path))
+    xml = tmp_path / "arm.xml"
+    xml.write_text("""<mujoco><option gravity="0 0 -9.8"/><worldbody><body name="upper" pos="0 0 2">
+        <joint name="shoulder" type="hinge" axis="0 1 0" damping="0.05" armature="0.2"/><geom type="capsule" size="0.05"
+        mass="1" fromto="0 0 0 0 0 1"/><body name="lower" pos="0 0.1 1"><joint name="elbow" axis="0 -1 0"/><geom type="capsule"
+        size="0.05" mass="2" fromto="0 0 0 0 0 1"/><site name="tip" pos="0 0 1"/></body></body></worldbody>
+        <actuator><motor joint="elbow" gear="2" ctrllimited="true" ctrlrange="-1 1"/></actuator></mujoco>""")
+    assert_equal_to(str(xml), mujocos(str(xml)))
+    robot = read_robot(str(xml))
+    assert (robot.limit, robot.viscous, robot.arm.rotor) == ((0.0, 2.0), (0.05, 0.0), (0.2, 0.0))
+    assert (robot.arm.L2, robot.arm.gravity, robot.doubts) == (pytest.approx(1.0), pytest.approx(9.8), [])
 
 
 def test_lengths_gravity_and_tilt(file):
@@ -79,28 +135,57 @@ def test_lengths_gravity_and_tilt(file):
     assert again == load_urdf(file(chain()))
 
 
-def test_an_environment_takes_the_file(file):
-    path = file(chain())
-    env = TwoLinkArmEnv(arm=path)
-    assert env.interface.nominal == load_urdf(path)
-    scenario = Scenario(arm=path)
+DRIVEN = chain().replace('effort="1"', 'effort="12"').replace("</limit>", "")
+PENDUBOT = DRIVEN.replace("</robot>", '<transmission><joint name="shoulder"/></transmission></robot>')
+FRICTION = DRIVEN.replace('velocity="1"/>', 'velocity="1"/><dynamics damping="0.001" friction="0.16"/>')
+
+
+@pytest.mark.parametrize(
+    ("text", "limit", "friction"),
+    [(DRIVEN, (12.0, 12.0), None), (PENDUBOT, (12.0, 0.0), None), (FRICTION, (12.0, 12.0), (0.16, 0.001))],
+)
+def test_an_environment_takes_arm_drives_and_friction_and_says_so(file, text, limit, friction):
+    path = file(text)
+    for make in (
+        lambda: TwoLinkArmEnv(arm=path).scenario,
+        lambda: Scenario(arm=path),
+        lambda: as_scenario({"arm": path}),
+    ):
+        with pytest.warns(
+            RobotFileWarning, match=f"(?s)theta1 = .*effort.*: {limit[0]:g}, {limit[1]:g}.*the velocity are not"
+        ):
+            scenario = make()
+        assert scenario.arm == load_urdf(path)
+        assert scenario.actuator.torque_limit == limit
+        read = scenario.friction and (scenario.friction.coulomb[0], scenario.friction.viscous[1])
+        assert read == friction
     assert Scenario.from_dict(scenario.to_dict()) == scenario  # without the file
+    with pytest.warns(RobotFileWarning):
+        given = TwoLinkArmEnv("dfki-c1", arm=path, actuator={"torque_limit": 5.0, "gain": 0.9}, friction=None).scenario
+    assert (given.actuator.torque_limit, given.actuator.gain, given.friction) == ((5.0, 5.0), (0.9, 0.9), None)
 
 
-BEHIND = """<link name="weight"/><joint name="back" type="fixed"><parent link="two"/><child link="weight"/>
-    <origin xyz="-0.8 0 0"/></joint>"""
+def test_a_passive_joint_moves_freely_and_laws_refuse_it():
+    env = TwoLinkArmEnv("dfki-c1", actuator={"torque_limit": (0.0, 5.0)}, info=True)
+    env.reset(seed=0)
+    *_, info = env.step(np.ones(2))
+    assert env.unwrapped._batch.field("torque")[0].tolist() == [0.0, 5.0]
+    assert info["saturation"] == 0.5
+    with pytest.raises(ValueError, match="needs both drives"):
+        controllers.make("computed-torque", env.interface)
 
 
-def test_of_several_frames_the_tip_is_named(file):
-    """A frame behind the elbow, farther than the tip, was once taken as the tip."""
-    path = file(chain(centre2="0.12 0 0", extra=BEHIND))
-    with pytest.raises(ValueError, match=r"one frame at its tip, got tool, weight: name it, as in .*\.urdf:tool"):
+def test_names_choose_joints_and_tip(file):
+    path = file(chain(extra=THIRD + BEHIND))
+    with pytest.raises(ValueError, match=r"two revolute joints, got shoulder, elbow, wrist.*:SHOULDER,ELBOW"):
         load_urdf(path)
-    arm = load_urdf(f"{path}:tool")
-    assert arm == load_urdf(file(chain(centre2="0.12 0 0")))
-    assert Scenario(arm=f"{path}:tool").arm == arm
-    with pytest.raises(ValueError, match=r"unknown tip in .* 'to'; did you mean 'tool'"):
+    arm = load_urdf(f"{path}:shoulder,elbow,tool")
+    assert arm == load_urdf(file(chain()))
+    assert load_urdf(f"{path}:0.5").L2 == 0.5
+    with pytest.raises(ValueError, match=r"unknown joint or tip in .* 'to'; did you mean 'tool'"):
         load_urdf(f"{path}:to")
+    with pytest.raises(ValueError, match=r"payload needs the tip"), pytest.warns(RobotFileWarning):
+        Scenario(arm=file(NO_TIP), parameter_error={"payload": 1.0})
 
 
 THIRD = """<link name="hand"/><joint name="wrist" type="revolute"><parent link="two"/><child link="hand"/>
@@ -115,15 +200,22 @@ WEIGHTLESS = chain().replace(inertial(2.0, "0.12 0.02 0", 0.01), "").replace(ine
     ("text", "message"),
     [
         (chain().replace('<joint name="shoulder"', "<joint"), "must be a URDF file: KeyError: 'name'"),
-        (chain(extra=THIRD.replace('"two"', '"nothing"')), "the joints wrist hang on no link"),
-        (chain(extra=THIRD), "two revolute joints.*revolute, revolute, revolute"),
-        (chain(kind="prismatic"), "two revolute joints.*revolute, prismatic"),
+        (
+            chain(extra=THIRD.replace('"two"', '"nothing"')),
+            "the joints wrist hang on no link: nothing",
+        ),
+        (chain(kind="prismatic"), "two revolute joints, got shoulder, elbow .prismatic"),
+        (
+            chain().replace("</limit>", "").replace("<axis", '<mimic joint="shoulder"/><axis'),
+            "elbow .a mimic of shoulder",
+        ),
+        (chain(extra="<xacro:arm/>"), "xacro .* > arm.urdf"),
         (chain(axis2="0 0 1"), "parallel axes"),
         (chain(axis2="0 0 0"), "axis of elbow must have a direction"),
         (HEAVY, "the arm must have inertia"),
         (chain(elbow="0 0.1 0"), "joints apart.*'shoulder' and 'elbow'"),
-        (chain(tip="0 0 0"), "frame at its tip"),
-        (chain(centre2="0.1 0 0.05"), "on the line.* beside it in link 2"),
+        (chain(tip="0 0 0", centre2="0 0 0").replace("0.02 0 0", "0 0 0"), "frame at its tip"),
+        (chain(elbow="0.4 0.05 0.05"), "link 1 on the line.* beside it"),
         (WEIGHTLESS, "a mass"),
         (chain().replace('"one"/><child link="two"/>', '"base"/><child link="two"/>'), "a chain"),
     ],

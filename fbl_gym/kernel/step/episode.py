@@ -124,7 +124,7 @@ def _hold_still(block, rows, queue, settings, lane):
         queue[age, 2, lane] = 0.0
     action1, action2 = 0.0, 0.0  # no acceleration
     if kind == NORMALIZED:
-        action1, action2 = tau1 / limit[0], tau2 / limit[1]
+        action1, action2 = tau1 / settings.torque_scale[0], tau2 / settings.torque_scale[1]
     elif kind == TORQUE:
         action1, action2 = tau1, tau2
     put(block.action, lane, (action1, action2))
@@ -171,7 +171,7 @@ def judge(block, settings, width):
     constraints = low, high, pair_of(settings.constraint_velocity)
     limits, ends = (settings.max_position, settings.max_velocity), settings.violation_ends
     form = settings.reward_logarithmic, settings.reward_scale, settings.reward_norm
-    (limit1, limit2), (weight1, weight2, weight3) = settings.torque_limit, settings.reward_weights
+    (scale1, scale2), (weight1, weight2, weight3) = settings.torque_scale, settings.reward_weights
     last = np.uint64(settings.last_step)
     for lane in range(width):
         q, v, (r1, r2) = pair(block.position, lane), pair(block.velocity, lane), pair(block.reference_position, lane)
@@ -181,7 +181,7 @@ def judge(block, settings, width):
         near = _is_near(q, v, pair(block.start_position, lane), limits)
         stays = near & (block.far[lane] < settings.error_steps) & (keeps | (not ends))
         tau1, tau2 = pair(block.command, lane)
-        effort = 0.5 * (abs(tau1) / limit1 + abs(tau2) / limit2)
+        effort = 0.5 * (abs(tau1) / scale1 + abs(tau2) / scale2)
         chatter = 0.25 * block.chatter[lane]
         loss = weight1 * _tracking_loss(error1 + error2, form) + weight2 * effort + weight3 * chatter
         block.cost[lane] = 0.0 if keeps else 1.0

@@ -28,12 +28,12 @@ def command(block, rows, queue, settings, actions, count):
         for lane in range(count):
             block.action[joint, lane] = clip(actions[lane, joint], settings.action_limit[joint])
     _keep_past(block, rows, queue, settings, count)
-    limit1, limit2 = pair_of(settings.torque_limit)
+    (limit1, limit2), (scale1, scale2) = pair_of(settings.torque_limit), pair_of(settings.torque_scale)
     for lane in range(count):
         tau1, tau2 = _asked_torque(block, settings, lane)
         tau1, tau2 = clip(tau1, limit1), clip(tau2, limit2)
         before1, before2 = pair(block.command, lane)
-        block.chatter[lane] = abs(tau1 - before1) / limit1 + abs(tau2 - before2) / limit2
+        block.chatter[lane] = abs(tau1 - before1) / scale1 + abs(tau2 - before2) / scale2
         put(block.command, lane, (tau1, tau2))
         put(queue[0], lane, (tau1, tau2))
     if settings.jittered:
