@@ -20,7 +20,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_suite(parser)
     add(parser, "--trust", "--store")
     add_option(parser, "--out", Path, Path("results/report"), "DIR", "folder of the report")
-    readme = "put the first rows of each board between the markers `<!-- leaderboard -->` of this file, all rows into "
+    readme = "put the first five rows of each board between the markers `<!-- leaderboard -->` of this file, all rows into "
     readme += "docs/results/board.md beside it, and their errors into docs/pictures/errors.svg"
     parser.add_argument("--readme", type=Path, metavar="FILE", help=readme)
 
@@ -45,7 +45,7 @@ def run(arguments: argparse.Namespace) -> int:
             )
     if arguments.readme is not None:
         text = read_text(arguments.readme)
-        write_text(arguments.readme, markdown.replace_between(text, markdown.over_boards(boards, short=True)))
+        write_text(arguments.readme, markdown.replace_between(text, markdown.first_rows(boards)))
         docs = arguments.readme.parent / "docs"
         write_text(docs / "results" / "board.md", markdown.board_page(boards))
         plot_errors(boards, docs / "pictures" / "errors.svg")

@@ -88,14 +88,13 @@ class Column:
         )
 
 
-def over_all(boards: Mapping[str, Board], rows: Sequence[str] = ()) -> Table:
+def over_all(boards: Mapping[str, Board]) -> Table:
     """Return a table of several boards: rank and error of each policy, and its lost runs if any.
 
     The policies come in the order of their best rank, then of the mean of their ranks.
 
     Args:
         boards: by name.
-        rows: names of policies; empty: all that are ranked.
     """
     places: dict[str, list[float]] = {}
     texts: dict[str, dict[str, str]] = {}
@@ -106,7 +105,7 @@ def over_all(boards: Mapping[str, Board], rows: Sequence[str] = ()) -> Table:
             parts = [rank, f"{number(error[i])} %", *([f"{percent(lost[i])} % lost"] if lost[i] else [])]
             texts.setdefault(board.policies[i], {})[name] = " · ".join(parts)
             places.setdefault(board.policies[i], []).append(value)
-    order = sorted(rows or places, key=lambda policy: (min(places[policy]), np.mean(places[policy])))
+    order = sorted(places, key=lambda policy: (min(places[policy]), np.mean(places[policy])))
     body = [[policy, *(texts[policy].get(name, "–") for name in boards)] for policy in order]
     return Table(["policy", *boards], body)
 

@@ -1,18 +1,18 @@
 """Tables in Markdown, for the README and the documentation."""
 
+import itertools
 import re
 from collections.abc import Iterable, Mapping, Sequence
 
 from benchmarks.analysis.board import Board
-from benchmarks.report.columns import ALL, ALL_BUT_LATEX, Column, columns_of, leaders, over_all
-from benchmarks.run.suite import PAPER
+from benchmarks.report.columns import ALL, ALL_BUT_LATEX, Column, columns_of, leaders, number, over_all
 from fbl_gym.scenarios.classes import CLASSES
 
 BEGIN, END = "<!-- leaderboard -->", "<!-- /leaderboard -->"
 """The lines of a file between which the leaderboard is written."""
 
 ROWS = 5
-"""Number of rows of the short table, before those of the paper's laws."""
+"""Number of first rows of each board in the README."""
 
 
 def table(header: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
@@ -41,22 +41,28 @@ def leaderboard(board: Board) -> str:
     return table([plain(column.title) for column in selected], rows) + remarks
 
 
-def over_boards(boards: Mapping[str, Board], *, short: bool = False) -> str:
+def first_rows(boards: Mapping[str, Board]) -> str:
+    """Return a table of the first rows of some boards, by name, with their errors."""
+    columns = []
+    for board in boards.values():
+        error = board.error().value
+        first = [i for i in board.order if i in board.ranked][:ROWS]
+        columns.append([f"{code(board.policies[i])} {number(error[i])} %" for i in first])
+    rows = ([str(rank), *cells] for rank, cells in enumerate(itertools.zip_longest(*columns, fillvalue=""), 1))
+    return table(["rank", *boards], rows) + _gaps(boards)
+
+
+def over_boards(boards: Mapping[str, Board]) -> str:
     """Return a table of rank and error on each board, by name, with the boards' gaps.
 
-    A short one has the first rows of each board, and the paper's laws with tuned gains. The numbers
-    of a cell stay in one line, on a phone too.
+    The numbers of a cell stay in one line, on a phone too.
     """
-    chosen = {
-        board.policies[i]: None
-        for board in boards.values()
-        for i in board.order
-        if i in board.ranked
-        and (i in board.order[:ROWS] or (board.specs[i].parsed.law in PAPER and board.specs[i].tuning == "tuned"))
-    }
-    header, rows = over_all(boards, tuple(chosen) if short else ())
-    gaps = "".join(f"\n{plain(name)}: {plain(gap)}\n" for name, board in boards.items() for gap in board.gaps)
-    return table(header, [[code(policy), *map(_unbroken, cells)] for policy, *cells in rows]) + gaps
+    header, rows = over_all(boards)
+    return table(header, [[code(policy), *map(_unbroken, cells)] for policy, *cells in rows]) + _gaps(boards)
+
+
+def _gaps(boards: Mapping[str, Board]) -> str:
+    return "".join(f"\n{plain(name)}: {plain(gap)}\n" for name, board in boards.items() for gap in board.gaps)
 
 
 def _cell(column: Column, i: int) -> str:
