@@ -21,7 +21,7 @@ from fbl_gym.records.record import Record
 State: TypeAlias = Any
 """A `NamedTuple` of arrays with a row for each lane, or of such states; () for a law without."""
 
-ACCESS = ("none", "nominal", "privileged")
+ACCESS = ("none", "nominal", "oracle")
 """A policy may know nothing of the arm, the nominal model, or the truth (shown, but not ranked)."""
 
 

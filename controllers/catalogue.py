@@ -80,5 +80,5 @@ LAWS = (
     ),
 )
 
-ACCESS = {"zero": "none", **{name: "privileged" for name, _, _ in LAWS if name.startswith("oracle")}}
+ACCESS = {"zero": "none", **{name: "oracle" for name, _, _ in LAWS if name.startswith("oracle")}}
 """What a law may know; all others know the nominal model."""

@@ -50,9 +50,9 @@ def register(
     Args:
         name: lower case, words joined by hyphens.
         factory: a class or function, called as `factory(interface, **gains)`, or its
-            "module:attribute". With privileged access it is called with the environment instead.
+            "module:attribute". An oracle is called with the environment instead.
         summary: one line.
-        access: "none", "nominal" or "privileged"; None: the factory's attribute, or "nominal".
+        access: "none", "nominal" or "oracle"; None: the factory's attribute, or "nominal".
         kind: "classical" or "learned".
 
     Raises:
@@ -140,7 +140,7 @@ def kind(policy: str | PolicyName) -> str:
 
 
 def access(policy: str | PolicyName | Callable[..., Any]) -> str:
-    """Return what a policy may know: "none", "nominal" or "privileged".
+    """Return what a policy may know: "none", "nominal" or "oracle".
 
     The policy is a name, POLICY@tuned, or a factory as `register` takes it.
     """
@@ -193,8 +193,8 @@ def tuned_gains(policy: str | PolicyName, robot: str = "") -> dict[str, Any]:
 def make(policy: str | PolicyName | Callable[..., Any], env: Any, **gains: Any) -> Policy:
     """Build a policy for an environment.
 
-    Only a policy with privileged access gets the environment itself; any other gets its interface
-    and nothing else. A law that needs an absent sensor is composed with an observer (see
+    Only an oracle gets the environment itself; any other policy gets its interface and nothing
+    else. A law that needs an absent sensor is composed with an observer (see
     `composition.completed`).
 
     Args:
@@ -207,7 +207,7 @@ def make(policy: str | PolicyName | Callable[..., Any], env: Any, **gains: Any) 
 
     Raises:
         ValueError: the name or a gain is unknown, a gain is out of bounds, or an interface is given
-            where privileged access needs the environment.
+            where an oracle needs the environment.
     """
     interface = env if isinstance(env, Interface) else env.unwrapped.interface
     tuned: dict[str, Any] = {}
@@ -228,7 +228,7 @@ def make(policy: str | PolicyName | Callable[..., Any], env: Any, **gains: Any) 
         if isinstance(value, Multiple):
             gains[gain] = value.of(gain, tuned.get(gain, parameters[gain].default))
     gains = tuned | gains
-    if access(policy) == "privileged":
+    if access(policy) == "oracle":
         if isinstance(env, Interface):
             raise ValueError(f"{_name_of(policy)} reads the truth: it needs the environment, got its interface")
         return build(env.unwrapped, **gains)

@@ -255,7 +255,7 @@ def folder(tmp_path, monkeypatch):
 
 SLOW = (
     "how-to/identify", "how-to/offline-learning", "how-to/recommend", "how-to/tune", "reference/classes",
-    "reference/controllers/ceiling", "results/performance", "start/examples", "start/your-robot",
+    "reference/controllers/oracles", "results/performance", "start/examples", "start/your-robot",
 )  # fmt: skip
 """Pages that take more than some ten seconds. `make test` runs them where pages or names changed."""
 

@@ -20,7 +20,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_suite(parser)
     add(parser, "--trust", "--store")
     add_option(parser, "--out", Path, Path("results/report"), "DIR", "folder of the report")
-    readme = "put the first five rows of each board between the markers `<!-- leaderboard -->` of this file, all rows into "
+    readme = (
+        "put the first five rows of each board between the markers `<!-- leaderboard -->` of this file, all rows into "
+    )
     readme += "docs/results/board.md beside it, and their errors into docs/pictures/errors.svg"
     parser.add_argument("--readme", type=Path, metavar="FILE", help=readme)
 

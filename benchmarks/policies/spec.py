@@ -47,7 +47,7 @@ class PolicySpec:
     Args:
         parsed: its name.
         kind: "classical" or "learned".
-        access: what the policy may know: "none", "nominal" or "privileged".
+        access: what the policy may know: "none", "nominal" or "oracle".
         needs: the sensors that it cannot do without.
         preview: how far ahead it sees the reference [s].
         tuning: "default gains", "given gains", "tuned" or "trained".
@@ -92,7 +92,7 @@ class PolicySpec:
     @property
     def ranked(self) -> bool:
         """True if the board ranks the policy: it does not know the truth."""
-        return self.access != "privileged"
+        return self.access != "oracle"
 
     @property
     def identity(self) -> dict[str, Any]:

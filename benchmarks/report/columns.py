@@ -182,13 +182,13 @@ def columns(board: Board) -> list[Column]:
     def of_oracle(tier: str, some: Sequence[int]) -> Column:
         return numbers(
             f"oracle-{tier}".strip("-"), f"{tier} × oracle".strip(), "Error, doubled for each percent of lost runs, as a "
-            "multiple of that of the best policy with privileged access.", board.times_oracle(some), best=-1, form=times,
+            "multiple of that of the best oracle.", board.times_oracle(some), best=-1, form=times,
             tables=ALL_BUT_LATEX if tier else ALL,
         )  # fmt: skip
 
     every = [
         numbers("rank", "rank", "Rank by the error, doubled for each percent of lost runs. Median and interval over the "
-                "bootstrap. A policy with privileged access has no rank.", board.rank, form="{:.0f}".format, tables=ALL,
+                "bootstrap. An oracle has no rank.", board.rank, form="{:.0f}".format, tables=ALL,
                 ends="range"),
         Column(
             "policy", "policy", "Name of the policy. The row of an agent is the mean over its training seeds. Where a policy "
@@ -204,7 +204,7 @@ def columns(board: Board) -> list[Column]:
         numbers("worst", "worst 5 %", f"Mean error % of the worst 5 % of the runs {here}.", board.worst, best=-1, tables=ALL),
         Column("violation", "violation %", f"Share of samples beyond the constraints, mean of the runs {here}.",
                _violations(board), best=-1, form=percent, tables=ALL),
-        numbers("effort", "effort", "Torque variation as a multiple of that of the best policy with privileged access, median "
+        numbers("effort", "effort", "Torque variation as a multiple of that of the best oracle, median "
                 "of the scenarios.", board.effort, tables=ALL),
         *(
             column for tier in others for column in (
@@ -220,7 +220,7 @@ def columns(board: Board) -> list[Column]:
                     board.error(members), best=-1, tables=ALL_BUT_LATEX if members[0] in board.main else NONE)
             for family, members in board.families.items()
         ),
-        Column("access", "access", "Knowledge of the arm: none, the nominal model, or privileged (the real arm).",
+        Column("access", "access", "Knowledge of the arm: none, the nominal model, or oracle (the real arm).",
                [spec.access for spec in board.specs]),
         Column("sensors", "sensors", "What the policy reads: p position, v velocity, a acceleration, r the coming reference.",
                [" ".join([name[0] for name in spec.needs] + ["r"] * (spec.preview > 0)) or "none" for spec in board.specs]),

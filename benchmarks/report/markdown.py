@@ -33,9 +33,12 @@ def plain(text: str) -> str:
     return re.sub(r"([\\`*\[\]<>&]|(?<!\w)_|_(?!\w))", r"\\\1", " ".join(text.split()))
 
 
-def leaderboard(board: Board) -> str:
-    """Return the board as a table, the best policy first, and its remarks."""
-    selected = columns_of(board, ALL, ALL_BUT_LATEX)
+def leaderboard(board: Board, *, short: bool = False) -> str:
+    """Return the board as a table, the best policy first, and its remarks.
+
+    A short one has the main columns alone.
+    """
+    selected = columns_of(board, ALL, *([] if short else [ALL_BUT_LATEX]))
     rows = [[_cell(column, i) for column in selected] for i in board.order]
     remarks = "".join(f"\n{plain(remark)}\n" for remark in board.remarks)
     return table([plain(column.title) for column in selected], rows) + remarks
@@ -87,7 +90,8 @@ def replace_between(text: str, table: str) -> str:
 def board_page(boards: Mapping[str, Board]) -> str:
     """Return a page of the documentation with every row of some boards, by name."""
     parts = [
-        "# All rows of the boards\n\n[The leaderboard](../reference/columns.md) explains the columns.\n\n"
+        "# All rows of the boards\n\n[The leaderboard](../reference/columns.md) explains the columns. `fbl-gym report` writes "
+        "a page with all of them.\n\n"
         "![Errors of the first policies of each board as dots, with their 95 % intervals](../pictures/errors.svg)\n"
     ]
     if len(boards) > 1:
@@ -100,6 +104,6 @@ def board_page(boards: Mapping[str, Board]) -> str:
             f"{len(board.seeds)} seeds each.{about} The board is {board.version}, a hash of its policies, scenarios, "
             f"seeds and code.\n\n"
             f"Which policy leads in each family:\n\n{table(header, [[*map(plain, row)] for row in rows])}\n"
-            f"{leaderboard(board)}"
+            f"{leaderboard(board, short=True)}"
         )
     return "\n".join(parts)

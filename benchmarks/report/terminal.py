@@ -22,8 +22,8 @@ Justify: TypeAlias = Literal["left", "right"]
 MEANING = (
     "rank: 95 % interval, by the error, doubled for each percent of lost runs. error: geometric mean of the mean absolute "
     "tracking error in % of the reference's amplitude. lost runs: those that diverged, with the upper bound of their share. "
-    "× oracle, effort: as multiples of the best policy that knows the truth. In brackets: privileged access, "
-    "not ranked. `fbl-gym report` writes all columns."
+    "× oracle, effort: as multiples of the best oracle, which knows the truth. In brackets: oracles, not ranked. "
+    "`fbl-gym report` writes all columns."
 )
 
 

@@ -26,7 +26,7 @@ class _Oracle(Law):
 
     env: Any = dataclasses.field(repr=False)
 
-    access: ClassVar[str] = "privileged"
+    access: ClassVar[str] = "oracle"
 
     @property
     def interface(self) -> Interface:  # type: ignore[override]

@@ -18,7 +18,7 @@ from fbl_gym import scenarios
 FOLDER = Path(__file__).parent
 TUNED = FOLDER.parents[1] / "controllers" / "tuned"
 PAGES = {
-    "ceiling": "nominal oracle-flm oracle-elastic",
+    "oracles": "nominal oracle-flm oracle-elastic",
     "composition": "lag-2 cascade-flm cascade-flm+predictor cascade-flm+springs",
     "computed-torque": "nominal",
     "computed-torque-adaptive": "model-error-2 computed-torque-adaptive",

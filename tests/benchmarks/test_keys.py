@@ -114,7 +114,7 @@ def test_the_key_follows_the_package_of_an_external_policy(folder, tmp_path, mon
     ],
 )  # fmt: skip
 def test_a_wrong_declaration_is_a_failed_cell(declares, error, tmp_path):
-    (tmp_path / "law.py").write_text(f"{SUBCLASS}    access = 'privileged'\n    {declares}\n")
+    (tmp_path / "law.py").write_text(f"{SUBCLASS}    access = 'oracle'\n    {declares}\n")
     result = run_cell(Cell(str(tmp_path / "law.py"), "nominal", (0,)))
     assert result.rows == ()
     assert error in result.error
@@ -193,7 +193,7 @@ def test_a_name_of_the_package_wins_over_a_folder_of_that_name(folder):
         (folder / name).mkdir()
         for file in agent.iterdir():
             (folder / name / file.name).write_bytes(file.read_bytes())
-    assert resolve("oracle-flm").access == "privileged"
+    assert resolve("oracle-flm").access == "oracle"
     assert not resolve("oracle-flm").external
     assert resolve("./oracle-flm").access == "nominal"
     assert resolve("./mine").external

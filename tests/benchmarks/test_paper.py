@@ -161,4 +161,4 @@ def test_new_measurements_replace_old_ones_and_other_claims_stay(tmp_path, monke
     monkeypatch.setattr(reproduce, "measure_claim", lambda name, cases: (CLAIM, None))
     fbl_gym(f"reproduce --only figure-6a equation-10 --out {tmp_path}")
     assert list(claims.load(tmp_path).items()) == [(name, CLAIM) for name in ("equation-10", "figure-6a", "figure-7")]
-    assert (tmp_path / "claims.md").read_text().count("| first | 2 % |") == 3
+    assert (tmp_path / "claims.md").read_text().count("first case, first: 2 %") == 3

@@ -36,8 +36,8 @@ def test_a_policy_is_frozen(name):
         setattr(policy, dataclasses.fields(policy)[0].name, None)
 
 
-@pytest.mark.parametrize("name", [name for name in NAMES if controllers.access(name) != "privileged"])
-def test_a_policy_without_privileged_access_holds_plain_data(name):
+@pytest.mark.parametrize("name", [name for name in NAMES if controllers.access(name) != "oracle"])
+def test_a_policy_but_an_oracle_holds_plain_data(name):
     """Its interface and its gains: nothing leads to an environment."""
     policy = controllers.make(name, TwoLinkArmEnv("mixed-error-3"))
     for field in dataclasses.fields(policy):
@@ -53,10 +53,10 @@ def test_a_torque_at_a_limit_that_float32_rounds_down_lies_in_the_box():
     assert broken(resolve("pd-gravity"), scenario) == ""
 
 
-UNPRIVILEGED = [name for name, *_ in catalogue.LAWS if name not in catalogue.ACCESS]
+NO_ORACLES = [name for name, *_ in catalogue.LAWS if name not in catalogue.ACCESS]
 
 
-@pytest.mark.parametrize("name", UNPRIVILEGED)
+@pytest.mark.parametrize("name", NO_ORACLES)
 def test_a_reading_that_is_nan_spoils_its_own_lane_alone(name):
     env = TwoLinkArmVectorEnv(2)
     observation, _ = env.reset(seed=0)
@@ -73,7 +73,7 @@ def motion(name, scale):
     return rollout(name, Scenario(**conditions(arm, "servo")).replace(duration=1.5), [0]).position
 
 
-@pytest.mark.parametrize("name", UNPRIVILEGED)
+@pytest.mark.parametrize("name", NO_ORACLES)
 def test_the_motion_does_not_depend_on_the_size(name):
     nominal = motion(name, 1.0)
     for scale in (0.3, 30.0):

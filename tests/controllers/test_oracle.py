@@ -97,7 +97,7 @@ def test_gains_follow_the_arm():
 
 
 def test_the_oracle_tracks_best():
-    """The oracle tracks far better than any law without privileged access if parameters, load and friction are wrong."""
+    """The oracle tracks far better than any other law if parameters, load and friction are wrong."""
     others = min(mean_error(name, "everything-3") for name in ("cascade-flm", "pid-flm", "pd-gravity"))
     assert mean_error("oracle-flm", "everything-3") < 0.1 * others
 

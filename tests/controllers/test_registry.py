@@ -26,12 +26,12 @@ def plain_factory(env):
     return env
 
 
-def privileged_factory(interface):
+def oracle_factory(interface):
     """Builds a policy that reads the truth."""
     return interface
 
 
-privileged_factory.access = "privileged"
+oracle_factory.access = "oracle"
 
 
 def misspelt_factory(interface):
@@ -61,27 +61,27 @@ def test_an_installed_package_adds_a_policy(monkeypatch):
     assert controllers.make("mine", TwoLinkArmEnv(), frequency=3.0).frequency == (3.0, 3.0)
 
 
-def test_privileged_access_alone_gets_the_environment():
+def test_an_oracle_alone_gets_the_environment():
     """The name of an argument gives no way to the truth."""
     env = TwoLinkArmEnv()
     assert isinstance(controllers.make(plain_factory, env), Interface)
-    assert controllers.access(privileged_factory) == "privileged"
-    assert controllers.make(privileged_factory, env) is env
+    assert controllers.access(oracle_factory) == "oracle"
+    assert controllers.make(oracle_factory, env) is env
     with pytest.raises(ValueError, match="needs the environment, got its interface"):
         controllers.make("oracle-flm", env.interface)
 
 
 @pytest.mark.parametrize(
-    ("factory", "access"), [(plain_factory, "privileged"), ("controllers.oracles.oracle:OracleFlm", None)]
+    ("factory", "access"), [(plain_factory, "oracle"), ("controllers.oracles.oracle:OracleFlm", None)]
 )
 def test_access_is_registered_or_declared(monkeypatch, factory, access):
     monkeypatch.setattr(registry, "_REGISTRY", dict(registry._REGISTRY))
     controllers.register("mine", factory, "a policy", access=access)
-    assert controllers.access("mine") == "privileged"
+    assert controllers.access("mine") == "oracle"
 
 
 def test_an_unknown_access_word_is_an_error_that_names_the_valid_ones():
-    message = "unknown access.* 'truth'. Known: nominal, none, privileged"
+    message = "unknown access.* 'truth'. Known: nominal, none, oracle"
     for ask in (controllers.access, lambda factory: controllers.make(factory, TwoLinkArmEnv())):
         with pytest.raises(ValueError, match=message):
             ask(misspelt_factory)

@@ -111,7 +111,7 @@ def test_motions_agree_where_a_torque_varies_within_a_step(options):
     assert 1e-9 < distance(ours, theirs, "position") < 5e-6
 
 
-@pytest.mark.parametrize("name", [name for name in controllers.names() if controllers.access(name) == "privileged"])
+@pytest.mark.parametrize("name", [name for name in controllers.names() if controllers.access(name) == "oracle"])
 def test_every_oracle_runs(name):
     """They read the truth of this plant, and follow as on the package's own one."""
     ours, theirs = (run({"plant": plant}, lanes=1, policy=name, seconds=1.0) for plant in (None, "mujoco"))
