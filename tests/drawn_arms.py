@@ -57,7 +57,7 @@ def main(argv: Sequence[str] | None = None) -> None:
     parser.add_argument("arms", type=int, nargs="+", metavar="N", help="numbers of drawn arms")
     parser.add_argument("--policies", nargs="+", metavar="POLICY", help="to choose from (as fbl-gym recommend)")
     parser.add_argument("--laws", nargs="+", default=LAWS, metavar="LAW", help="laws of the comparison")
-    parser.add_argument("--minutes", type=float, default=5.0, metavar="M", help="as of fbl-gym recommend (5)")
+    parser.add_argument("--trials", type=int, default=20, metavar="N", help="as of fbl-gym recommend (20)")
     parser.add_argument("--seeds", type=int, default=8, metavar="N", help="test seeds 0 to N-1 (8)")
     parser.add_argument("--workers", type=int, default=os.cpu_count() or 1, metavar="N", help="processes")
     parser.add_argument("--store", type=Path, default=Path("results/board"), metavar="DIR", help="folder of results")
@@ -70,10 +70,10 @@ def main(argv: Sequence[str] | None = None) -> None:
     good = []
     for base in map(draw, arguments.arms):
         begin = partial(
-            tune_briefly, base, seconds=60.0 * arguments.minutes, report=lambda *_: None, workers=workers, command=""
+            tune_briefly, base, trials=arguments.trials, report=lambda *_: None, workers=workers, command=""
         )
         policies = arguments.policies or candidates(Likeness.of(base).classes)
-        result = recommend(base, policies, arguments.seeds, run, begin if arguments.minutes else None)
+        result = recommend(base, policies, arguments.seeds, run, begin if arguments.trials else None)
         tasks = [dataclasses.replace(task, scenarios=task.scenarios[:1]) for task in tasks_of(base, arguments.laws)]
         for task in tasks:
             open_study(task, STORAGE)

@@ -193,13 +193,13 @@ SHORT = {
     "sweep": "--seeds 1 --workers 1",
     "tune": "--trials 2 --seeds 1 --fresh-seeds 1 --candidates 1 --workers 1",
     "examples/offline_data.py": "--episodes 2",
-    "recommend": "--seeds 2 --minutes 0 --policies pd-gravity computed-torque --workers 1",
+    "recommend": "--seeds 2 --trials 0 --policies pd-gravity computed-torque --workers 1",
     "train": "--steps 40 --hyperparameters short.json",
     "reproduce": "--only figure-3a --short",
     "benchmarks.speed": "--rounds 1",
     "benchmarks.studies.sealed": "--seeds 1 --policies zero cascade-flm oracle-flm --workers 1",
     "tests.board_coverage": "--of 1 --scenarios servo-nominal --workers 1",
-    "tests.drawn_arms": "--minutes 0 --seeds 2 --laws pd-gravity --policies pd-gravity --workers 1",
+    "tests.drawn_arms": "--trials 0 --seeds 2 --laws pd-gravity --policies pd-gravity --workers 1",
 }
 """Arguments that make a command short, without policies and scenarios where it names its own."""
 

@@ -7,12 +7,11 @@ from typing import Any
 import numpy as np
 
 from benchmarks.cli.common import add, add_option, add_plot
-from benchmarks.policies.spec import PolicySpec, resolve
+from benchmarks.policies.spec import resolve
 from benchmarks.report.plot import Line, Panel, plot_lines
 from benchmarks.report.terminal import Screen, table
-from benchmarks.studies.linear import POINT, Margins, linearize
-from fbl_gym import Scenario, scenarios
-from fbl_gym.records.checks import Pair
+from benchmarks.studies.linear import POINT, Margins, margins_as_data
+from fbl_gym import scenarios
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -34,8 +33,8 @@ def run(arguments: argparse.Namespace) -> int:
     for policy in arguments.policies:
         spec = resolve(policy)
         try:
-            fields, loops[str(policy)] = spec.call(_margins, spec, scenario, (q1, q2), arguments.seed)
-            margins = Margins(**fields)
+            fields = spec.call(_margins, spec, scenario, (q1, q2), arguments.seed)
+            loops[str(policy)], margins = fields.pop("response"), Margins(**fields)
             rows.append((
                 policy, f"{max(margins.gain_lower):.2f} - {min(margins.gain_upper):.2f}", f"{min(margins.phase):.0f} deg",
                 f"{1e3 * margins.delay:.1f} ms", f"{margins.delay / scenario.control_dt:.2f}",
@@ -56,10 +55,8 @@ def run(arguments: argparse.Namespace) -> int:
     return 0 if rows else 1
 
 
-def _margins(policy: PolicySpec, scenario: Scenario, at: Pair, seed: int) -> tuple[dict[str, Any], Any]:
-    """Return the fields of a policy's margins, and frequencies and loop transfer of both joints."""
-    loop = linearize(policy, scenario, at, seed=seed)
-    return vars(loop.margins()), [loop.response(joint, points=500) for joint in (0, 1)]
+def _margins(*arguments: Any) -> dict[str, Any]:
+    return margins_as_data(*arguments, response=True)
 
 
 def _bode(loops: dict[str, Any]) -> list[Panel]:

@@ -63,6 +63,10 @@ class NotLinear(ValueError):
     """A loop without a linearisation or without margins; the message gives the reason."""
 
 
+class Unstable(NotLinear):
+    """A loop that is unstable as it is."""
+
+
 class Kink(NotLinear):
     """A law with other slopes on both sides of a point.
 
@@ -205,7 +209,7 @@ class LinearLoop:
         """Return the margins; raise `NotLinear` if the loop is unstable."""
         with threadpool_limits(1):  # small matrices only wait for threads
             if not self.is_stable():
-                raise NotLinear("the linearised loop is unstable")
+                raise Unstable("the loop is unstable without dry friction")
             # Fine within the first samples, where a part of a sample matters most.
             delays = self.control_dt * np.append(np.arange(0.1, 4.0, 0.1), np.geomspace(4.0, 1e4, 160))
             delay = _edge(lambda x: self.is_stable(more_delay=x), 0.0, delays[delays <= LONGEST_DELAY])
@@ -269,6 +273,15 @@ def linearize(
             except NotLinear:
                 _, state = actor.predict(observation[None], state=state, deterministic=True)
         return _loop(calm, env.interface, truth, actor, observation, state, error)
+
+
+def margins_as_data(
+    policy: PolicySpec, scenario: Scenario, at: Pair = POINT, seed: int = 0, *, response: bool = False
+) -> dict[str, Any]:
+    """Return the fields of a policy's margins, with `response` also both joints' loop transfers."""
+    loop = linearize(policy, scenario, at, seed=seed)
+    curves = {"response": [loop.response(joint, points=500) for joint in (0, 1)]} if response else {}
+    return vars(loop.margins()) | curves
 
 
 def _without_jitter(scenario: Scenario) -> Scenario:

@@ -8,6 +8,7 @@ conditions together.
 """
 
 import dataclasses
+import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -23,9 +24,10 @@ from benchmarks.run.rollout import reference_motion
 from benchmarks.run.store import Result
 from benchmarks.run.suite import Suite
 from benchmarks.seeds import SPLITS
+from benchmarks.studies.linear import Margins, Unstable, margins_as_data
 from fbl_gym.model.arm import ArmParameters, Array, gravity_torque, inverse_dynamics, stretched_inertia
-from fbl_gym.options import Friction, PiecewiseConstantDisturbance, SensorError
-from fbl_gym.records.record import Distribution, ends, scaled
+from fbl_gym.options import Datasheet, Friction, PiecewiseConstantDisturbance, SensorError
+from fbl_gym.records.record import Distribution, ends, middle, scaled
 from fbl_gym.scenarios import Scenario
 from fbl_gym.scenarios.classes import CLASSES, LEAST, conditions
 
@@ -45,9 +47,9 @@ SAFE_ERROR = 0.5
 """A policy is not safe if it errs more than this share of the motionless baseline."""
 
 RULE = (
-    f"safe: in the scenario itself, and in all conditions together, at most {100 * SAFE_DIVERGED:g} % of the runs diverge "
-    f"(lower bound of Clopper and Pearson's 95 % interval), and the error is below {SAFE_ERROR:g} of that of the "
-    "motionless baseline"
+    "safe: phase and delay margin are not below those asked for, if they are known; in the scenario itself, and in all "
+    f"conditions together, at most {100 * SAFE_DIVERGED:g} % of the runs diverge (lower bound of Clopper and Pearson's 95 % "
+    f"interval), and the error is below {SAFE_ERROR:g} of that of the motionless baseline"
 )
 
 SPRINGY = 25.0
@@ -60,9 +62,13 @@ BETWEEN = 0.5
 """An arm is between two classes if the distances of both differ by no more than that."""
 
 KINDS = (
-    "parameters", "payload", "delay", "lag", "friction", "disturbance", "noise", "elastic", "torque constant", "saturation"
+    "parameters", "payload", "delay", "lag", "friction", "disturbance", "noise", "elastic", "torque constant", "data sheet",
+    "saturation",
 )  # fmt: skip
 """What a condition pushes; "everything" pushes all but the saturation, half as far."""
+
+LEAST_PHASE, LEAST_DELAY = 30.0, 0.5
+"""A policy is not safe with a smaller phase margin [degrees] or delay margin [samples]."""
 
 
 @dataclass(frozen=True)
@@ -173,9 +179,40 @@ def push(base: Scenario, kind: str, factor: float, robot: str) -> Scenario:
         case "torque constant":
             low, high = ends(actuator.gain)
             changes = {"actuator": _replaced(actuator, gain=_uniform(low - 0.2 * more, high + 0.2 * more))}
+        case "data sheet":
+            changes = _off(base, 1.4 if factor >= 2 else 1.2, 0.25 * factor)
         case _:
             changes = {"actuator": _replaced(actuator, torque_limit=_scarce_torque(base))}
     return base.replace(**changes)
+
+
+def _off(base: Scenario, times: float, samples: float) -> dict[str, Any]:
+    """Return options whose truth lies on both sides of what policies are told, which stays.
+
+    Args:
+        base: the scenario.
+        times: lag and stiffness are so many times what is told, or that part of it.
+        samples: the delay differs by so much of a control step.
+    """
+    drive = base.actuator
+    delay, more = middle(drive.delay), samples * base.control_dt
+    ends_of_delay = [round(x / base.physics_dt) * base.physics_dt for x in (max(delay - more, 0.0), delay + more)]
+    drive = dataclasses.replace(drive, delay=Distribution(choice=tuple(ends_of_delay)))
+    sheet: dict[str, Any] = {"delay": sum(base.actuator.facts(base)["delay"]) / 2}
+    if lag := middle(drive.lag):
+        drive, sheet["lag"] = dataclasses.replace(drive, lag=Distribution(choice=(lag / times, lag * times))), lag
+    changes: dict[str, Any] = {"actuator": drive}
+    joint: Any = base.joint
+    if joint is not None:
+        name = "stiffness" if joint.frequency is None else "frequency"
+        power = 1.0 if name == "stiffness" else 0.5
+        each = [middle(x) for x in getattr(joint, name)]
+        off = tuple(Distribution(choice=(x / times**power, x * times**power)) for x in each)
+        changes["joint"] = dataclasses.replace(joint, **{name: off})
+        both = zip(*joint.facts(base)["stiffness"], strict=True)
+        sheet["stiffness"] = tuple(math.sqrt(low * high) for low, high in both)
+    stated = {name: x for name, x in vars(base.datasheet or Datasheet()).items() if x is not None}
+    return {**changes, "datasheet": Datasheet(**sheet | stated)}
 
 
 def _scarce_torque(base: Scenario, episodes: int = 8) -> tuple[float, float]:
@@ -244,6 +281,10 @@ class Choice:
         errors_pct: error in each condition [%], the geometric mean of the runs.
         lost: number of diverged runs in each condition.
         effort: variation of the torque, relative to that of the calmest policy that is recommended.
+        phase_deg: phase margin; NaN: unknown.
+        delay_samples: delay margin in control steps; NaN: unknown.
+        remark: on the margins, such as the reason why they are unknown.
+        same: other policies with the same runs, bit for bit.
     """
 
     policy: str
@@ -256,6 +297,10 @@ class Choice:
     errors_pct: tuple[float, ...]
     lost: tuple[int, ...]
     effort: float
+    phase_deg: float = math.nan
+    delay_samples: float = math.nan
+    remark: str = ""
+    same: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -264,8 +309,8 @@ class Recommendation:
 
     Attributes:
         scenario: its name.
-        choices: up to three safe policies of different laws; if there is none, the best ones that
-            are not safe.
+        choices: up to three policies of different laws: the safe ones, then those with too small
+            margins; if there is none, the best ones.
         conditions: names of the conditions.
         failed: policies that failed, each with the error.
     """
@@ -282,11 +327,13 @@ class Recommendation:
 
 
 def recommend(
-    base: Scenario, policies: Sequence[str], number: int, run: Run, tune: Tune | None = None
-) -> Recommendation:
+    base: Scenario, policies: Sequence[str], number: int, run: Run, tune: Tune | None = None,
+    bounds: tuple[float, float] = (LEAST_PHASE, LEAST_DELAY),
+) -> Recommendation:  # fmt: skip
     """Return the best three of some policies on the arm of a scenario, on a number of test seeds.
 
-    With `tune`, the laws with new gains compete, too.
+    With `tune`, the laws with new gains compete, too. `bounds` are the least phase margin [degrees]
+    and delay margin [samples] of a safe policy.
 
     Raises:
         ValueError: every policy failed.
@@ -308,15 +355,24 @@ def recommend(
     complete = [name for name in names[:SCREENED] if name not in failed]
     table = [[results[f"{name}/{task.name}"] for task in tasks.values()] for name in complete]
     runs = Runs.of(table)
-    safe = [is_safe(row[:1]) and is_safe(row) for row in table]
+    margins = [margins_of(name, base) for name in complete]
+    wide = [not (phase < bounds[0] or delay < bounds[1]) for phase, delay, _ in margins]
+    keeps = [is_safe(row[:1]) and is_safe(row) for row in table]
+    safe = [x and y for x, y in zip(wide, keeps, strict=True)]
     levels = np.minimum(runs.levels, np.log(_metric(table, "baseline_error_pct")).mean(axis=-1))
     levels = levels[:, 0] + levels[:, 1:].mean(axis=1)
-    order = [i for i in np.argsort(levels) if safe[i] or not any(safe)]
-    laws: dict[str, int] = {}
-    for i in order:
-        laws.setdefault(table[i][0].cell.policy.parsed.law, i)
-    best = [*laws.values()][:3]
-    variation = np.median(_metric(table, "variation"), axis=(1, 2))
+    variations = _metric(table, "variation")
+    best: list[int] = []
+    same: dict[int, list[str]] = {}
+    order = sorted(np.argsort(levels).tolist(), key=lambda i: not safe[i])
+    for i in (i for i in order if keeps[i] or not any(keeps)):
+        twins = [k for k in best if np.array_equal(runs.error[i], runs.error[k]) and safe[k] == safe[i]]
+        if twins:
+            same.setdefault(twins[0], []).append(complete[i])
+        elif all(table[i][0].cell.policy.parsed.law != table[k][0].cell.policy.parsed.law for k in best):
+            best.append(i)
+    best = best[:3]
+    variation = np.median(variations, axis=(1, 2))
     calmest = min(filter(None, variation[best]), default=1.0)  # a policy without a torque has none
     choices = []
     for i in best:
@@ -326,9 +382,22 @@ def recommend(
                 complete[i], safe[i], float(np.median(errors)), float(tail_mean(errors)), diverged, count,
                 float(proportion(diverged, count).high), tuple(np.exp(runs.logs[i].mean(axis=-1)).tolist()),
                 tuple(int(lost) for lost in runs.diverged[i].sum(axis=-1)), float(variation[i] / calmest),
+                *margins[i], tuple(same.get(i, ())),
             )
         )  # fmt: skip
     return Recommendation(base.name, tuple(choices), tuple(tasks), failed)
+
+
+def margins_of(policy: str, base: Scenario) -> tuple[float, float, str]:
+    """Return phase margin [degrees] and delay margin [samples], and a remark; NaN: unknown."""
+    spec = resolve(policy)
+    try:
+        margins = Margins(**spec.call(margins_as_data, spec, base))
+    except Unstable as problem:
+        return 0.0, 0.0, str(problem)
+    except ValueError as problem:
+        return math.nan, math.nan, str(problem)
+    return min(margins.phase), margins.delay / base.control_dt, ""
 
 
 def _metric(table: Sequence[Sequence[Result]], name: str) -> Array:

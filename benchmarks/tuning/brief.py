@@ -1,13 +1,12 @@
-"""Brief tuning of several laws for one arm, within a given time; of `fbl-gym recommend`.
+"""Brief tuning of several laws for one arm; of `fbl-gym recommend`.
 
-The time is divided into rounds. Each law of a round has as much time as the others, and only the
-better half goes on to the next round. The trials begin with the default gains and those for the
-arm's class of robots, and are kept in a database: the next call goes on with them.
+Each law of a round has as many trials as the others, and only the better half goes on to the next
+round. The trials begin with the default gains and those for the classes of robots, and are kept in
+a database: the next call goes on with them.
 """
 
 import math
 import re
-import time
 from collections.abc import Callable, Sequence
 from functools import partial
 from pathlib import Path
@@ -56,7 +55,7 @@ def tasks_of(base: Scenario, policies: Sequence[str]) -> list[Task]:
 
 
 def tune_briefly(
-    base: Scenario, policies: Sequence[str], seconds: float, report: Callable[[float, str], None], workers: int, command: str
+    base: Scenario, policies: Sequence[str], trials: int, report: Callable[[float, str], None], workers: int, command: str
 ) -> list[str]:  # fmt: skip
     """Tune the first laws with gains for a scenario, and name those with other gains.
 
@@ -65,20 +64,18 @@ def tune_briefly(
     Args:
         base: the scenario.
         policies: those whose laws are tuned, the best first.
-        seconds: time for all laws together; a trial that has begun is finished.
+        trials: of each law in each round, beside those of earlier calls.
         report: called with the share that is done, and a law with its objective.
         workers: number of processes.
         command: the command that was typed, for the record.
     """
-    every, end = tasks_of(base, policies)[: ROUNDS[0]], time.monotonic() + seconds
+    every = tasks_of(base, policies)[: ROUNDS[0]]
     tasks, done, units = every, 0, sum(min(number, len(every)) for number in ROUNDS)
     for task in tasks:
         open_study(task, STORAGE)  # here, since no two processes may create a database at once
-    for k, number in enumerate(ROUNDS if tasks else ()):
+    for number in ROUNDS if tasks else ():
         tasks, values = tasks[:number], {}
-        turns = math.ceil(len(tasks) / workers) * (len(ROUNDS) - k)
-        work = partial(_trials, max(end - time.monotonic(), 0.0) / turns)
-        for task, value in run_parallel(work, tasks, min(workers, len(tasks))):
+        for task, value in run_parallel(partial(_trials, trials), tasks, min(workers, len(tasks))):
             name = task.policy.name
             values[name], done = math.inf if isinstance(value, Failed) else value, done + 1
             report(done / units, f"{name}: {values[name]:.2f}")
@@ -103,8 +100,9 @@ def write_best(task: Task, storage: str, folder: Path, command: str) -> str:
     return f"{law}@{write_gains(data | provenance(command), folder).parent}"
 
 
-def _trials(seconds: float, task: Task) -> float:
-    """Go on with a law's trials for some time, one at least; return the best objective."""
+def _trials(trials: int, task: Task) -> float:
+    """Go on with a law's trials; return the best objective."""
     refused = (ValueError, ArithmeticError)  # a trial of gains that the law refuses
-    study = tune(task, STORAGE, task.shipped(*CLASSES).values(), seconds=max(seconds, 1e-3), catch=refused)
+    begun = len(open_study(task, STORAGE).trials)
+    study = tune(task, STORAGE, task.shipped(*CLASSES).values(), begun + trials, catch=refused, seed=begun)
     return min((trial.value or 0.0 for trial in finished(study)), default=math.inf)

@@ -138,7 +138,7 @@ def seeds(trial: int, fresh: int) -> tuple[range, range]:
 
 def tune(
     task: Task, storage: str, starts: Iterable[Mapping[str, float]] = (), trials: int = sys.maxsize,
-    seconds: float | None = None, catch: tuple[type[Exception], ...] = (),
+    catch: tuple[type[Exception], ...] = (), seed: int | None = None,
 ) -> optuna.Study:  # fmt: skip
     """Go on with a study until it has enough finished trials, those of earlier runs counted.
 
@@ -151,12 +151,13 @@ def tune(
         storage: database of the trials.
         starts: gains of the trials after the first.
         trials: enough of them.
-        seconds: time after which no further trial begins; None: any time.
         catch: errors that only fail a trial.
+        seed: of the sampler; None: another one for each run and process.
     """
     from optuna.study import MaxTrialsCallback
+    from optuna.trial import TrialState
 
-    study = open_study(task, storage)
+    study = open_study(task, storage, seed=seed)
     # By a trial's number, not by Optuna's queue, from which two processes may take the same trial.
     spaces = [{}, *({name: (gain, gain) for name, gain in gains.items()} for gains in starts)]
 
@@ -170,7 +171,8 @@ def tune(
 
     try:
         if len(finished(study)) < trials:
-            study.optimize(objective, timeout=seconds, catch=catch, callbacks=[MaxTrialsCallback(trials)])
+            ends = TrialState.COMPLETE, *([TrialState.FAIL] if catch else [])
+            study.optimize(objective, catch=catch, callbacks=[MaxTrialsCallback(trials, states=ends)])
     except Exception as problem:
         if isinstance(problem.__context__, KeyboardInterrupt):  # it came while Optuna stored the trial
             raise problem.__context__ from None
@@ -178,7 +180,7 @@ def tune(
     return study
 
 
-def open_study(task: Task, storage: str, retries: int = 4) -> optuna.Study:
+def open_study(task: Task, storage: str, retries: int = 4, seed: int | None = None) -> optuna.Study:
     """Return the study of a task in a database; a new one, if it has none.
 
     Raises:
@@ -192,12 +194,12 @@ def open_study(task: Task, storage: str, retries: int = 4) -> optuna.Study:
     try:
         if storage.startswith("sqlite:///"):
             Path(storage.removeprefix("sqlite:///").partition("?")[0]).parent.mkdir(parents=True, exist_ok=True)
-        name, sampler = f"{task.policy.name} {task.digest}", optuna.samplers.TPESampler()
+        name, sampler = f"{task.policy.name} {task.digest}", optuna.samplers.TPESampler(seed=seed)
         return optuna.create_study(study_name=name, storage=storage, load_if_exists=True, sampler=sampler)
     except (sqlalchemy.exc.SQLAlchemyError, ImportError, OSError) as problem:
         if retries and isinstance(problem, sqlalchemy.exc.DBAPIError):  # another process may be making the tables
             time.sleep(0.5)
-            return open_study(task, storage, retries - 1)
+            return open_study(task, storage, retries - 1, seed)
         raise ValueError(f"storage must be a URL such as {STORAGE}, got {storage!r}: {problem}") from None
 
 

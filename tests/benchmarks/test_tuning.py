@@ -3,6 +3,7 @@
 import dataclasses
 import json
 import math
+import re
 import subprocess
 import sys
 from pathlib import Path
@@ -234,7 +235,10 @@ def test_a_condition_changes_one_option(name):
         changed = {field for field, value in vars(scenario).items() if value != getattr(base, field)} - {"name"}
         if kind == "parameters" and base.joint is not None:
             changed -= {"physics_dt"}  # a lighter link is faster on its spring
-        assert len(changed) == (0 if kind == "as described" else 1) or kind == "everything", (kind, changed)
+        if kind == "data sheet":
+            assert changed <= {"actuator", "joint", "datasheet"}
+        else:
+            assert len(changed) == (0 if kind == "as described" else 1) or kind == "everything", (kind, changed)
 
 
 def test_sizes_are_twice_the_given_ones():
@@ -271,11 +275,34 @@ def test_the_choice(result):
     assert {choice.policy for choice in result.choices} == {"pd-gravity", "computed-torque"}  # zero is not safe
     first, second = result.choices
     assert first.median_pct < first.worst_pct
-    assert first.runs == 4 * len(result.conditions) == 44
+    assert first.runs == 4 * len(result.conditions) == 48
     assert 0.0 < first.diverged_bound < 0.2
     assert len(first.errors_pct) == len(result.conditions)
     assert sum(first.lost) == first.diverged
     assert min(first.effort, second.effort) == 1.0
+    assert first.safe > second.safe
+    assert first.phase_deg > 30.0 > second.phase_deg
+
+
+def test_small_margins_and_equal_runs_are_said(fbl_gym, monkeypatch):
+    """`lqg-elastic@tuned` has 12 degrees on servo-nominal; another name of a law has the same runs."""
+    monkeypatch.setattr("benchmarks.cli.recommend.as_scenario", lambda name: BASE)
+    policies = ["--policies", "lqg-elastic@tuned", "pd-gravity", "pd-gravity@damping=1x"]
+    shown = fbl_gym(["recommend", "arm", "--trials", "0", "--seeds", "2", "--workers", "1", *policies]).out
+    assert re.search("the same runs as pd-gravity.*: pd-gravity", shown)
+    assert "lqg-elastic@tuned (unsafe)" in shown
+
+
+def test_a_wrong_data_sheet_lies_on_both_sides():
+    for name in ("servo-nominal", "geared-nominal"):
+        base = scenarios.get(name)
+        pushed, drive = push(base, "data sheet", 2.0, name[:6]), base.actuator
+        told = drive.facts(base)["delay"]
+        assert pushed.datasheet.delay == pytest.approx(sum(told) / 2)
+        assert ends(pushed.actuator.delay)[1] == pytest.approx(recommend.middle(drive.delay) + 0.5 * base.control_dt)
+        assert ends(pushed.actuator.lag) == pytest.approx([recommend.middle(drive.lag) * x for x in (1 / 1.4, 1.4)])
+        if base.joint is not None:
+            assert pushed.datasheet.stiffness == pytest.approx([*map(recommend.middle, base.joint.stiffness)])
 
 
 def test_an_arm_that_stays_is_not_safe():
@@ -295,7 +322,7 @@ def test_brief_tuning_improves_a_law_and_goes_on():
     storage, gains, news = search.STORAGE, Path("results/gains"), []
     arguments = {"workers": 1, "command": ""}
     policies = ["ppo-blend", "pd-gravity", "zero", "pd-gravity@damping=1"]
-    names = brief.tune_briefly(BASE, policies, 3.0, lambda *part: news.append(part), **arguments)
+    names = brief.tune_briefly(BASE, policies, 8, lambda *part: news.append(part), **arguments)
     assert news[-1][0] == 1.0
     (task,) = brief.tasks_of(BASE, policies)
     assert held_out_reason(BASE)
@@ -312,18 +339,19 @@ def test_brief_tuning_improves_a_law_and_goes_on():
     assert resolve(new).parsed.given_gains == dict.fromkeys(task.ranges, 10.0)
     assert resolve(new).parsed.gains_of_other_arms(BASE.arm) == []
     assert len(resolve(new).parsed.gains_of_other_arms(ArmParameters())) == 1
-    brief.tune_briefly(BASE, policies, 0.0, lambda *_: None, **arguments)
+    brief.tune_briefly(BASE, policies, 1, lambda *_: None, **arguments)
     assert len(search.finished(search.open_study(task, storage))) > len(trials)
 
 
 def test_the_command(folder, fbl_gym, monkeypatch):
     monkeypatch.setattr("benchmarks.cli.recommend.as_scenario", lambda name: BASE)
     few = ["--seeds", "2", "--workers", "1", "--store", str(folder / "store")]
-    printed = fbl_gym(["recommend", "my_arm.toml", *few, "--policies", "pd-gravity", "--minutes", "0.01"]).out
+    loose = ["--least-phase", "0", "--least-delay", "0"]
+    printed = fbl_gym(["recommend", "my_arm.toml", *few, "--policies", "pd-gravity", "--trials", "4", *loose]).out
     assert "class: servo (100 Hz, rigid joints, dry friction of 10 % of" in printed
     assert "pd-gravity@" in printed
     assert "torque constant" in printed
-    arguments = ["recommend", "my_arm.toml", *few, "--minutes", "0"]
+    arguments = ["recommend", "my_arm.toml", *few, "--trials", "0"]
     assert "error by condition" in fbl_gym([*arguments, "--policies", "pd-gravity", "zero"]).out
     lacks = folder / "lacks.py"
     lacks.write_text("def make_policy(interface):\n    return {}['lost']\n")
@@ -340,7 +368,7 @@ def test_the_check_on_drawn_arms(monkeypatch, capsys):
     assert all(Likeness.of(draw(i)).classes[0] == draw(i).name.split("-")[2] for i in range(12))
     monkeypatch.setattr(drawn_arms, "draw", lambda i: draw(i).replace(duration=0.3))
     monkeypatch.setattr(drawn_arms, "TRIALS", 2)
-    few = ["0", "--seeds", "2", "--workers", "1", "--minutes", "0", "--laws", "pd-gravity", "--policies"]
+    few = ["0", "--seeds", "2", "--workers", "1", "--trials", "0", "--laws", "pd-gravity", "--policies"]
     drawn_arms.main([*few, "pd-gravity", "computed-torque"])
     line, share = capsys.readouterr().out.splitlines()
     assert line.startswith(f"{draw(0).name}: ")
