@@ -173,8 +173,6 @@ SHORTER = {
     "range(task.steps)": "range(min(500, task.steps))",
     "range(10, 14)": "range(1)",
     '-practice", (1, 3))': '-practice", (3,))[:1]',
-    "= 12, 8, 2400": "= 1, 2, 10",
-    "SECONDS = 150": "SECONDS = 1",
     '"computed-torque-dob", "sliding-mode", "lqg"': "",
     "0 1 2 3 4 5 6 7 8 9": "0 1",
     "--minutes 0.667": "",
