@@ -270,8 +270,7 @@ def test_a_healthy_run_does_not_stop(scenario, options, motion):
 
 # The loop of the page, with faults.
 
-PAGE = Path(__file__).parents[2] / "docs" / "how-to" / "run-on-a-robot.md"
-LOOP = re.search(r"```python\n(.*?)```", PAGE.read_text(encoding="utf-8"), flags=re.S)[1]
+LOOP = (Path(__file__).parents[2] / "examples" / "run_on_robot.py").read_text(encoding="utf-8")
 FAULT = 50
 """Sample of the fault, in the middle of the first move."""
 
