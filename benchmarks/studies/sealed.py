@@ -1,8 +1,8 @@
-"""The sealed test of a release: does the board's order hold on arms and seeds that nobody has seen?
+"""A fresh draw: does the board's order hold on arms and seeds that no one has tuned on?
 
 `python -m benchmarks.studies.sealed` takes the board from the store. Arms, motions and seeds are
-drawn from the board's version, a hash of its code, which nobody can choose: they are known when the
-last change is made, and are others after the next one. So the test is used once, at the end.
+drawn from the board's version, a hash of its code: each change of the code draws others. A draw
+that was read before a change is validation; the last one before a release tests it.
 """
 
 import argparse
