@@ -8,11 +8,13 @@ Importing this package registers `fbl_gym/TwoLinkArm-v0` with Gymnasium;
 import importlib
 from typing import TYPE_CHECKING, Any
 
-from fbl_gym.neighbours import IS_OVERVIEW
+from fbl_gym.neighbours import IS_OVERVIEW, warn_of_shadows
 
 __version__ = "0.1.0"
 
 if not IS_OVERVIEW:
+    warn_of_shadows()
+
     from gymnasium.envs.registration import register
 
     from fbl_gym import options, scenarios

@@ -280,7 +280,7 @@ def test_a_page_runs(page):
             Path(block.file).write_text(shortened(block.text))
     todo = [block for block in BLOCKS[page] if not block.reason]
     started = {first for block in todo if block in SHELL for _, first, *_ in commands(block.text)}
-    for root in ("stable_baselines3", "sb3_contrib", "torch", "moviepy"):
+    for root in ("stable_baselines3", "sb3_contrib", "torch"):
         if any(f"import {root}" in block.text or f"from {root}" in block.text for block in todo):
             pytest.importorskip(root)
     if "offline.py" in PAGES[page]:  # what d3rlpy would train

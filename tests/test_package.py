@@ -108,6 +108,16 @@ def test_the_environment_is_found_by_module_prefix():
     assert python(code).strip() == "(12,)"
 
 
+def test_a_users_package_that_hides_one_of_these_is_named(tmp_path):
+    (tmp_path / "controllers").mkdir()
+    (tmp_path / "controllers" / "__init__.py").touch()
+    environment = {**os.environ, "PYTHONPATH": os.pathsep.join([str(tmp_path), str(ROOT)])}
+    line = [sys.executable, "-c", "import fbl_gym"]
+    done = subprocess.run(line, capture_output=True, text=True, cwd=tmp_path, env=environment)
+    assert f"UserWarning: `import controllers` takes {tmp_path}" in done.stderr
+    assert "benchmarks" not in done.stderr
+
+
 def test_a_users_folder_of_the_same_name_does_not_break_the_command(tmp_path):
     """Folders `controllers` and `benchmarks` come first in the path; workers and policies get fbl-gym's too."""
     for name in ("controllers", "benchmarks"):

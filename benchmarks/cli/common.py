@@ -74,7 +74,7 @@ ARGUMENTS: dict[str, dict[str, Any]] = {
         "type": partial(count, most=max(64, 4 * CORES), why=", four for each core"), "default": CORES, "metavar": "N",
         "help": "processes (one per core)",
     },
-    "--columns": {"type": int, "choices": (1, 2), "default": 2, "help": "its width in columns of a journal (2)"},
+    "--width": {"type": int, "choices": (1, 2), "help": "its width in columns of a journal, then without a title (2)"},
 }  # fmt: skip
 RUN = ("--workers", "--trust", "--store")
 """The arguments of a run of cells."""
@@ -101,7 +101,7 @@ def add_file(parser: argparse.ArgumentParser, name: str, meaning: str, *endings:
 
 def add_plot(parser: argparse.ArgumentParser, subject: str) -> None:
     add_file(parser, "--plot", f"draw {subject}", ".png", ".svg", ".pdf")
-    add(parser, "--columns")
+    add(parser, "--width")
 
 
 def add_tex(parser: argparse.ArgumentParser) -> None:

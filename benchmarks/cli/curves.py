@@ -36,7 +36,7 @@ def run(arguments: argparse.Namespace) -> int:
     if arguments.plot is not None:
         panels = [Panel("", label, "validation error [mrad]", _lines(groups, axis), ("log", "log"))
                   for axis, label in AXES.items()]  # fmt: skip
-        plot_lines("Learning curves", panels, arguments.plot, arguments.columns, across=2)
+        plot_lines("Learning curves", panels, arguments.plot, arguments.width, across=2)
     return 0
 
 

@@ -33,6 +33,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     signals = "write all signals of all seeds of one policy, also readings and its state"
     common.add_file(parser, "--trace", signals, ".csv")
     common.add_tex(parser)
+    parser.add_argument("--columns", choices=("all",), help="print the metrics, too, that these runs do not have")
     common.add(parser, "--trust")
 
 
@@ -63,7 +64,7 @@ def run(arguments: argparse.Namespace) -> int:
     else:
         (trace,), ((rows,),) = last.values(), runs.values()
         title = f"{policies[0]} on {title}"
-        lines = terminal.evaluation(rows, 1e6 * trace.decision_time)
+        lines = terminal.evaluation(rows, 1e6 * trace.decision_time, arguments.columns == "all")
         draw = partial(plot_trace, trace, title)
     screen.print(terminal.table(title, *lines, "left" if alone else "right"))
     if alone:
@@ -76,7 +77,7 @@ def run(arguments: argparse.Namespace) -> int:
         write_table(arguments.tex, lines[0][:width], [row[:width] for row in lines[1]], common.command_line())
         screen.say(f"table: {arguments.tex}")
     if arguments.plot is not None:
-        draw(arguments.plot, arguments.columns)
+        draw(arguments.plot, arguments.width)
         screen.say(f"plot: {arguments.plot}, {caption(arguments.seeds)}")
     if arguments.trace is not None:
         export(traces[policies[0]][-1], arguments.trace)

@@ -129,12 +129,12 @@ def _validate(
         ends = np.full((len(x), 1, 2), np.nan)
         y, z = (np.concatenate([part[some], ends], axis=1).reshape(-1, 2).T for part in (simulated, data.measured))
         time = np.linspace(0.0, log.dt * (len(log.position) - 1), len(log.position))
-        real = [Line(time, angle, "measured", "0.5", "-") for angle in log.position.T]
+        real = [Line(time, angle, "measured", "black", ":") for angle in log.position.T]
         model = [Line(x.ravel(), angle, "simulated", "#D55E00", "-") for angle in y]
-        panels = [Panel(f"joint {j + 1}", "time [s]", "angle [rad]", (real[j], model[j])) for j in (0, 1)]
+        panels = [Panel(f"joint {j + 1}", "time [s]", "angle [rad]", (model[j], real[j])) for j in (0, 1)]
         residuals = [Line(x.ravel(), angle, "_", "#0072B2", "-") for angle in 1e3 * (y - z)]
         panels += [Panel("", "time [s]", "residual [mrad]", (line,)) for line in residuals]
-        plot_lines(f"Rollouts of 0.5 s on {log.name}", panels, arguments.plot, arguments.columns)
+        plot_lines(f"Rollouts of 0.5 s on {log.name}", panels, arguments.plot, arguments.width)
         screen.say(f"plot: {arguments.plot}")
 
 

@@ -21,6 +21,9 @@ from benchmarks.text import say
 from fbl_gym import scenarios
 from fbl_gym.scenarios.classes import CLASSES
 
+SHOWN = 10
+"""Policies of a board that the short form prints, and those of `--policy`."""
+
 
 def add_suite(parser: argparse.ArgumentParser) -> None:
     """Add the arguments that choose cells, and the limits of a cell."""
@@ -82,11 +85,13 @@ def run(arguments: argparse.Namespace) -> int:
         say(f"fbl-gym: no cell has a result; {results[0].cell.id} failed: {results[0].error}", sys.stderr)
         return 1
     boards = boards_of(suites, store)
-    terminal.leaderboards(Screen(), boards)
+    rows = terminal.Rows(SHOWN, [*map(str, arguments.policy)]) if arguments.short else terminal.Rows()
+    terminal.leaderboards(Screen(), boards, rows)
     if arguments.tex is not None:
         write_board(arguments.tex, boards[suites[0].name], command_line())
         say(f"table: {arguments.tex}")
-    say(f"results: {arguments.store}; a page of them: fbl-gym report, with the same arguments")
+    first = f"the first {SHOWN} of each board; " if arguments.short else ""
+    say(f"{first}results: {arguments.store}; a page of them: fbl-gym report, with the same arguments")
     return int(any(counts(result.error) for result in results))
 
 
@@ -123,6 +128,7 @@ def compare_worlds(suite: Suite, arguments: argparse.Namespace) -> int:
         screen.say(f"{side}:")
         terminal.leaderboard(screen, assemble([results[cell.id] for cell in members.cells], members.cells))
         runs[side] = Runs.of([[results[f"{name}/{task.name}"] for task in members.scenarios] for name in names])
+    screen.say(terminal.MEANING)
     own, *halves = (_tau(compare_halves(some)) for some in runs.values())
     taus = (_tau(compare_orders(runs["package"], runs[world])) for world in arguments.world)
     rows = [(world, tau, f"{own} / {half}") for world, tau, half in zip(arguments.world, taus, halves, strict=True)]

@@ -48,7 +48,7 @@ def run(arguments: argparse.Namespace) -> int:
         screen.print(table(title, header, rows))
         remarks.append("Gain, phase and peaks: the worse joint, cut at its torque. Delay: of both torques.")
     if rows and arguments.plot is not None:
-        plot_lines(f"Loops on {title}", _bode(loops), arguments.plot, arguments.columns, across=2)
+        plot_lines(f"Loops on {title}", _bode(loops), arguments.plot, arguments.width, across=2)
         remarks.append(f"plot: {arguments.plot}")
     for remark in remarks:
         screen.say(remark)

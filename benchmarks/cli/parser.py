@@ -27,6 +27,8 @@ class Command(NamedTuple):
 COMMANDS = {
     "evaluate": Command("evaluate policies on one scenario: metrics or a comparison, plot, trials",
         "pid-flm cascade-flm --scenario payload-2 --plot errors.png"),
+    "play": Command("move the target, push and load running arms in a window, with mouse and keys",
+        "pid-flm cascade-flm --scenario payload-2 --seconds 10 --record play.gif"),
     "leaderboard": Command("run a suite: all policies on all scenario families, with the same seeds",
         "--policies pid-flm cascade-flm zero oracle-flm --seeds 4", "finished cells are kept"),
     "report": Command("write the board as Markdown, CSV and one HTML page, from stored results",

@@ -4,6 +4,7 @@ import argparse
 import functools
 import itertools
 import math
+import re
 import sys
 from pathlib import Path
 
@@ -87,10 +88,11 @@ def run(arguments: argparse.Namespace) -> int:
         lost.setdefault(name, []).append(sum(row["diverged"] > 0 for row in result.rows))
     write_runs(arguments.csv, ("policy", *names), runs)
     path = arguments.plot or arguments.csv.with_suffix(".png")
-    label = next((f"{names[0]} [{x.unit}]" for x in options() if x.path == names[0] and x.unit), names[0])
+    unit = _unit(names[0])
+    label = f"{names[0]} [{unit}]" if unit else names[0]
     lines = tuple(band(np.array(values[0]), np.array(errors), name) for name, errors in curves.items())
     panel = Panel("", label, "error [%]", lines, (scales[0], "log"))
-    plot_lines(f"Error on {arguments.scenario}, {arguments.seeds} seeds", [panel], path, arguments.columns)
+    plot_lines(f"Error on {arguments.scenario}, {arguments.seeds} seeds", [panel], path, arguments.width)
     columns = [[np.format_float_positional(value, trim="-") for value in values[0]]]
     for name, curve in curves.items():
         bands = zip(*np.quantile(curve, QUANTILES, axis=-1), lost[name], strict=True)
@@ -104,3 +106,14 @@ def run(arguments: argparse.Namespace) -> int:
         say(f"table: {arguments.tex}")
     say(f"runs: {arguments.csv}\nfigure: {path}, {caption(arguments.seeds)}")
     return int(any(result.error for result in results.values()))
+
+
+def _unit(path: str) -> str:
+    """Return the unit of an option's number; the errors of a sensor have the sensor's."""
+    known = {option.path: option for option in options()}
+    if path in known and (field := re.search(r"or its (\w+)", known[path].form)):
+        path += f".{field[1]}"
+    sensor, _, name = path.rpartition(".")
+    if name in ("sigma", "bias", "quantization"):
+        return "".join(re.findall(r"\[(.+)\]", known[sensor].meaning))
+    return known[path].unit if path in known else ""

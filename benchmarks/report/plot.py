@@ -1,6 +1,7 @@
 """Matplotlib figures in one style, as wide as one or two columns of a journal.
 
-A path's ending gives the format. A figure's title is stored in the file and not drawn.
+A path's ending gives the format. A figure's title is stored in the file, and drawn unless a width
+is given: a journal has captions.
 """
 
 import warnings
@@ -88,23 +89,27 @@ def _figure(title: str, path: Path, size: tuple[float, float]) -> Iterator[Any]:
         figure.savefig(beside, metadata={"Title": title} | ({"Date": None} if beside.suffix == ".svg" else {}))
 
 
-def plot_lines(title: str, panels: Sequence[Panel], path: Path, columns: int = 2, across: int | None = None) -> None:
+def plot_lines(
+    title: str, panels: Sequence[Panel], path: Path, width: int | None = None, across: int | None = None
+) -> None:
     """Draw panels with one legend, that of the first.
 
     Args:
-        title: of the file.
+        title: of the figure.
         panels: from left to right, row by row.
         path: of the figure.
-        columns: of the page that the figure spans, 1 or 2.
+        width: columns of the page that the figure spans, 1 or 2; None: 2, with the title drawn.
         across: panels in a row; None: as many as columns.
     """
+    columns = width or 2
     across = min(across or columns, len(panels))
     rows = -(-len(panels) // across)
     labels = [line.label for line in panels[0].lines if not line.label.startswith("_")]
     in_row = min(max(1, int(WIDTHS[columns] / (0.065 * max(map(len, labels)) + 0.5))), len(labels))
-    height = rows * (2.2 if rows == 1 else 1.5) + 0.16 * -(-len(labels) // in_row)
+    height = rows * (2.2 if rows == 1 else 1.5) + 0.16 * (-(-len(labels) // in_row) + (width is None))
     same_x = len({(panel.x, line.x[0], line.x[-1]) for panel in panels for line in panel.lines}) == 1
     with _figure(title, path, (WIDTHS[columns], height)) as figure:
+        shown = title if width is None else None
         grid = figure.subplots(rows, across, squeeze=False, sharex=same_x)
         for i, (axes, panel) in enumerate(zip(grid.ravel(), panels, strict=False)):
             _draw(axes, panel)
@@ -114,7 +119,10 @@ def plot_lines(title: str, panels: Sequence[Panel], path: Path, columns: int = 2
         for axes in grid.ravel()[len(panels) :]:
             axes.set_visible(False)
         if len(labels) > 1:
-            figure.legend(*grid[0, 0].get_legend_handles_labels(), loc="outside upper center", ncols=in_row)
+            lines = grid[0, 0].get_legend_handles_labels()
+            figure.legend(*lines, loc="outside upper center", ncols=in_row, title=shown)
+        elif shown:
+            figure.suptitle(shown, fontsize="medium")
 
 
 def _draw(axes: Any, panel: Panel) -> None:
@@ -132,12 +140,24 @@ def _draw(axes: Any, panel: Panel) -> None:
         axes.axhline(height, color="0.4", linestyle="--", linewidth=0.8)
         axes.annotate(label, (1.0, height), xycoords=("axes fraction", "data"), ha="right", va="bottom")
     axes.set(title=panel.title, ylabel=panel.y, xscale=panel.scales[0], yscale=panel.scales[1])
-    if panel.scales[0] == "log":
-        from matplotlib.ticker import LogFormatter
-
-        axes.xaxis.set_minor_formatter(LogFormatter())  # 20, not 2 x 10^1, which is too wide
     if panel.bounds is not None:
         axes.set_ylim(panel.bounds)
+    for axis, scale in zip((axes.xaxis, axes.yaxis), panel.scales, strict=True):
+        if scale == "log":
+            _label_plainly(axis)
+
+
+def _label_plainly(axis: Any) -> None:
+    """Label a logarithmic axis with plain numbers such as 0.6, fewer of them in more decades."""
+    from matplotlib.ticker import LogLocator, NullFormatter  # a figure alone needs it
+
+    low, high = axis.get_view_interval()
+    decades = np.log10(high / low)
+    axis.set_major_locator(
+        LogLocator(subs=(1.0, 2.0, 3.0, 5.0) if decades < 1.5 else (1.0, 3.0) if decades < 3 else (1.0,))
+    )
+    axis.set_major_formatter("{x:g}")
+    axis.set_minor_formatter(NullFormatter())
 
 
 def band(x: Array, signal: Array, label: str) -> Line:
@@ -163,7 +183,7 @@ def caption(seeds: int) -> str:
     return "seed 0" if seeds == 1 else f"medians and bands from 10 to 90 % of {seeds} seeds"
 
 
-def plot_trace(trace: Trace, title: str, path: Path, columns: int = 2) -> None:
+def plot_trace(trace: Trace, title: str, path: Path, width: int | None = None) -> None:
     """Draw angle, tracking error, torque and disturbance over the time, over each other.
 
     Several seeds give medians and bands, of the runs that have not diverged. The angles are those
@@ -188,10 +208,10 @@ def plot_trace(trace: Trace, title: str, path: Path, columns: int = 2) -> None:
                 Line(trace.time, trace.reference[:, 0, j], "_" if j else "reference", "black", ":") for j in (0, 1)
             ]
         panels.append(Panel("", "time [s]", label, tuple(lines)))
-    plot_lines(title, panels, path, columns, across=1)
+    plot_lines(title, panels, path, width, across=1)
 
 
-def plot_comparison(traces: Mapping[str, Trace], title: str, path: Path, columns: int = 2) -> None:
+def plot_comparison(traces: Mapping[str, Trace], title: str, path: Path, width: int | None = None) -> None:
     """Draw the tracking errors of several policies over the time.
 
     Several seeds give medians and bands of the mean absolute error in each fiftieth of the episode,
@@ -211,7 +231,7 @@ def plot_comparison(traces: Mapping[str, Trace], title: str, path: Path, columns
         for joint in (0, 1):
             lines[joint].append(band(time, means[..., joint], policy))
     panels = [Panel(f"joint {j + 1}", "time [s]", label, tuple(lines[j]), ("linear", scale)) for j in (0, 1)]
-    plot_lines(title, panels, path, columns)
+    plot_lines(title, panels, path, width)
 
 
 def plot_errors(boards: Mapping[str, Board], path: Path, rows: int = 8) -> None:
@@ -219,8 +239,6 @@ def plot_errors(boards: Mapping[str, Board], path: Path, rows: int = 8) -> None:
 
     A name is without "@tuned". The boards stand below each other, as wide as a phone.
     """
-    from matplotlib.ticker import LogLocator, NullFormatter  # a figure alone needs it
-
     with _figure("Errors", path, (WIDTHS[1], len(boards) * (0.55 + 0.16 * rows))) as figure:
         panels = figure.subplots(len(boards), 1, squeeze=False)[:, 0]
         for axes, (name, board) in zip(panels, boards.items(), strict=True):
@@ -229,8 +247,6 @@ def plot_errors(boards: Mapping[str, Board], path: Path, rows: int = 8) -> None:
             axes.errorbar(value, range(len(first)), xerr=(value - low, high - value), fmt="o", color=COLORS[0])
             axes.margins(x=0.04)
             axes.set(title=name, xlabel="error [%]", xscale="log", ylim=(rows - 0.5, -0.5))
-            axes.xaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 3.0, 5.0)))
-            axes.xaxis.set_major_formatter("{x:g}")
-            axes.xaxis.set_minor_formatter(NullFormatter())
+            _label_plainly(axes.xaxis)
             labels = [board.policies[i].removesuffix("@tuned") for i in first]
             axes.set_yticks(range(len(first)), labels=labels, fontsize=7)

@@ -1,7 +1,8 @@
 """The leaderboard and the evaluation of one policy, as tables on a terminal."""
 
 import sys
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
+from dataclasses import dataclass
 from typing import Any, Literal, TypeAlias
 
 import numpy as np
@@ -54,35 +55,51 @@ def table(title: str, header: Sequence[str], rows: Iterable[Sequence[str | Text]
     return drawn
 
 
-def leaderboards(console: Console, boards: Mapping[str, Board]) -> None:
+@dataclass(frozen=True)
+class Rows:
+    """The rows of a board that are printed: the first ones, and those of some policies."""
+
+    first: int | None = None
+    policies: Collection[str] = ()
+
+    def of(self, names: Sequence[str]) -> list[int]:
+        """Return the places of the rows, in a table of policies in order."""
+        return [i for i, name in enumerate(names) if self.first is None or i < self.first or name in self.policies]
+
+
+def leaderboards(console: Console, boards: Mapping[str, Board], rows: Rows = Rows()) -> None:
     """Print each board, by name, and how each policy does on all of them."""
     for name, board in boards.items():
         if len(boards) > 1:
             console.print(f"\n[bold]{escape(name)}[/bold]")
-        leaderboard(console, board)
+        leaderboard(console, board, rows)
     if len(boards) > 1:
-        console.print(table("rank and error on each board", *over_all(boards)))
+        header, body = over_all(boards)
+        body = [body[i] for i in rows.of([row[0] for row in body])]
+        console.print(table("rank and error on each board", header, body))
+    console.print(escape(MEANING))
 
 
-def leaderboard(console: Console, board: Board) -> None:
+def leaderboard(console: Console, board: Board, rows: Rows = Rows()) -> None:
     """Print one row per policy, the best first, and the board's remarks.
 
     No text is cut: the table has the first of the main columns that fit, and the others are named.
     """
     shown, hidden = columns_of(board, ALL), ""
     unlimited = console.options.update(width=10_000)
-    while len(shown) > 1 and console.measure(_board(board, shown), options=unlimited).maximum > console.width:
+    while len(shown) > 1 and console.measure(_board(board, shown, rows), options=unlimited).maximum > console.width:
         hidden = f", {shown.pop().title}{hidden}"
-    console.print(_board(board, shown))
-    console.print(escape(MEANING + (f" A wider terminal also shows{hidden[1:]}." if hidden else "")))
+    console.print(_board(board, shown, rows))
+    if hidden:
+        console.print(escape(f"A wider terminal also shows{hidden[1:]}."))
     for remark in board.remarks:
         console.print(escape(remark), style="red" if remark in board.gaps else "yellow")
 
 
-def _board(board: Board, selected: Sequence[Column]) -> Drawn:
+def _board(board: Board, selected: Sequence[Column], chosen: Rows) -> Drawn:
     """Return a table with some columns of a board."""
     rows = []
-    for i in board.order:
+    for i in (board.order[k] for k in chosen.of([board.policies[i] for i in board.order])):
         ranked = board.specs[i].ranked
         leads = [ranked and column.leads(i, board.ranked) for column in selected]
         cells = [column.cell(i, brief=True) for column in selected]
@@ -93,14 +110,18 @@ def _board(board: Board, selected: Sequence[Column]) -> Drawn:
     return table(f"{title} each; board {board.version}", [column.title for column in selected], rows)
 
 
-def evaluation(rows: list[dict[str, float]], decision_us: float) -> Table:
-    """Return the metrics of one policy on one scenario: mean and largest value over the seeds."""
+def evaluation(rows: list[dict[str, float]], decision_us: float, every: bool) -> Table:
+    """Return the metrics of one policy on one scenario: mean and largest value over the seeds.
+
+    Metrics without a value in any run have a row only with `every`.
+    """
     errors = counted_errors(rows)
     mean = f"{np.exp(np.log(errors).mean()):.4g}"
     lines = [("error", mean, f"{max(errors):.4g}", "the board's error: geometric mean over the seeds [%]")]
     for name, meaning in METRICS.items():
         known = [row[name] for row in rows if not np.isnan(row[name])]
         mean, most = (f"{np.mean(known):.4g}", f"{max(known):.4g}") if known else ("-", "-")
-        lines.append((name, mean, most, meaning))
+        if known or every:
+            lines.append((name, mean, most, meaning))
     lines.append(("decision_us", f"{decision_us:.3g}", "", "wall time of one decision of one lane [us]"))
     return Table(("metric", "mean", "largest", "meaning"), lines)

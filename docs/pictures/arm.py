@@ -6,8 +6,9 @@ from pathlib import Path
 import imageio_ffmpeg
 import numpy as np
 
-import controllers
-from fbl_gym import TwoLinkArmEnv, scenarios
+from benchmarks.policies.spec import resolve
+from benchmarks.report.film import frames
+from fbl_gym import scenarios
 
 FOLDER, SIZE, FPS = Path(__file__).parent, 320, 25
 PALETTE = "split[a][b];[a]palettegen[colours];[b][colours]paletteuse=dither=none"
@@ -23,26 +24,12 @@ def inverted(red, green, blue):
     return (round(255 * part) for part in colorsys.hls_to_rgb(hue, dark, vivid if spread > 8 else 0.0))
 
 
-def film(policy, scenario):
-    """Return the frames of an episode of seed 0; an arm that diverges stays where it was."""
-    env = TwoLinkArmEnv(scenario.replace(name=policy), render_mode="rgb_array", render_size=SIZE)
-    actor, state, frames, terminated = controllers.make(policy, env), None, [], False
-    observation, _ = env.reset(seed=0)
-    for k in range(scenario.steps):
-        if k % round(1 / FPS / scenario.control_dt) == 0:
-            frames.append(env.render())
-        if not terminated:
-            action, state = actor.predict(observation, state)
-            observation, _, terminated, _, _ = env.step(action)
-    return frames
-
-
 scenario = scenarios.get("everything-3").replace(duration=6.0)
-frames = zip(*(film(policy, scenario) for policy in ("pid-flm", "cascade-flm")), strict=True)
+films = zip(*(frames(resolve(policy), scenario, 0, FPS, SIZE) for policy in ("pid-flm", "cascade-flm")), strict=True)
 path, size = FOLDER / "arm.gif", (2 * SIZE, SIZE)
 writer = imageio_ffmpeg.write_frames(str(path), size, fps=FPS, quality=None, macro_block_size=2, **FORMAT)
 writer.send(None)
-for pair in frames:
+for pair in films:
     writer.send(np.hstack(pair))
 writer.close()
 

@@ -61,9 +61,9 @@ class MuJoCoBatch(ArmBatch):
     def __init__(self, scenario: Scenario, program: Program, lanes: int) -> None:
         super().__init__(program, lanes)
         self._scenario = scenario
-        self._arms_change = any(self._settings[name] for name in ("has_payload", "events"))
-        self._unchanging = not (self._settings["torque_varies"] or self._arms_change)
-        self._senses_acceleration = bool(self._settings["senses_acceleration"])
+        self._arms_change = any(self.settings[name] for name in ("has_payload", "events"))
+        self._unchanging = not (self.settings["torque_varies"] or self._arms_change)
+        self._senses_acceleration = bool(self.settings["senses_acceleration"])
         self._arms: dict[int, _Arm] = {}  # of each lane
         self._lanes = np.arange(lanes) // LANES, slice(None), np.arange(lanes) % LANES
 

@@ -56,7 +56,7 @@ class Robot(ArmBatch):
             motion: as for `observe`.
         """
         at = dict(zip(self.needs, motion.reshape(-1, 2), strict=True))
-        varied = self._settings["varied"].view(VARIED)[0]
+        varied = self.settings["varied"].view(VARIED)[0]
         varied["initial_error"], varied["initial_velocity"] = at["position"], at.get("velocity", 0.0)
         self.reset(_LANE, np.empty(self.interface.layout.size))
 

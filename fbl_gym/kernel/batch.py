@@ -164,10 +164,10 @@ class ArmBatch:
         self._class = api.step_number(settings)
         self._memory = _aligned(ends[-1])
         self._memory[self._parts["tables"]] = program.tables
-        self._settings[...] = settings
-        self._settings["lanes"] = lanes
+        self.settings[...] = settings
+        self.settings["lanes"] = lanes
         for name in ("actions", "rewards", "flags", "final_observations", "blocks"):
-            self._settings[name] = self._parts[name].start
+            self.settings[name] = self._parts[name].start
         self._blocks["given_position"] = self._blocks["given_velocity"] = np.nan
         # The last block's spare lanes get an episode too, which keeps their numbers finite.
         self._blocks["status"] = RESTART
@@ -183,7 +183,7 @@ class ArmBatch:
     # The views below are new each time: a stored view would not follow a copy of the batch.
 
     @property
-    def _settings(self) -> NDArray[np.void]:
+    def settings(self) -> NDArray[np.void]:
         """The settings, one record of shape ()."""
         return self._memory[self._parts["settings"]].view(SETTINGS).reshape(())
 
@@ -229,7 +229,7 @@ class ArmBatch:
         for name in start.keys() & {"position", "velocity"}:
             self._blocks[f"given_{name}"][block, :, lane] = start[name]
         if "reference" in start:
-            first = int(self._settings["waypoint_row"])
+            first = int(self.settings["waypoint_row"])
             points = start["reference"].reshape(len(lanes), -1)
             self._rows[block, first : first + points.shape[1], lane] = points
             self._blocks["given_reference"][block, lane] = 1.0
@@ -251,7 +251,7 @@ class ArmBatch:
     @property
     def points(self) -> int:
         """Number of way-points of the reference."""
-        return int(self._settings["reference_points"])
+        return int(self.settings["reference_points"])
 
     def reset(self, lanes: NDArray[np.int64], out: Array) -> None:
         """Start an episode in some lanes; write all observations to `out` [lanes * size]."""
@@ -325,7 +325,7 @@ class ArmBatch:
         """Return the truth at this instant."""
         instants = np.empty(self.lanes, INSTANT)
         api.inspect(self._memory, instants)
-        settings, parameters = self._settings, self.field("parameters")
+        settings, parameters = self.settings, self.field("parameters")
         fields = {name: instants[name].copy() for name in INSTANT.names or ()}
         fields |= {"masses": parameters[:, :2], "lengths": parameters[:, 2:]}
         fields["rotor"] = settings["real_rotor"] * self.field("rotor_ratio")

@@ -32,7 +32,7 @@ Colour: TypeAlias = tuple[int, int, int]
 
 # Okabe and Ito, "Color Universal Design" (2008): distinguishable with any colour vision.
 BLUE, ORANGE = (0, 114, 178), (230, 159, 0)
-VERMILLION, PURPLE = (213, 94, 0), (204, 121, 167)
+VERMILLION = (213, 94, 0)
 PAPER, RULE, GHOST, INK = (252, 252, 250), (224, 224, 220), (168, 168, 164), (44, 44, 44)
 PALE = (210, 210, 207)
 
@@ -84,6 +84,12 @@ def project(points: Array, lengths: Pair, size: int) -> Array:
     return size * np.array(CENTRE) + scale * np.asarray(points) * (1.0, -1.0)
 
 
+def unproject(pixel: Point, lengths: Pair, size: int) -> Array:
+    """Return the point [2] m of a pixel of a frame: the inverse of `project`."""
+    scale = REACH * size / sum(lengths)
+    return (np.array(pixel) - size * np.array(CENTRE)) * (1.0, -1.0) / scale
+
+
 def chain(lengths: Pair, q: Pair, bend: Pair) -> Array:
     """Return the positions of base, hinge, elbow, hinge and tip, [5 x 2] m."""
     angles = np.cumsum([q[0], bend[0], q[1], bend[1]])
@@ -124,24 +130,23 @@ def draw(picture: Picture, size: int = 480) -> Frame:
 
 def _write_numbers(canvas: pygame.Surface, picture: Picture, size: int) -> None:
     left, right, line = MARGIN * size, (1.0 - MARGIN) * size, LETTERS * size
-    _write(canvas, picture.title, (left, TITLE * size), 1.2 * line, INK)
-    _write(canvas, f"{picture.time:.2f} s", (right, TITLE * size), 1.2 * line, INK, 1.0)
+    write(canvas, picture.title, (left, TITLE * size), 1.2 * line, INK)
+    write(canvas, f"{picture.time:.2f} s", (right, TITLE * size), 1.2 * line, INK, 1.0)
     if picture.payload > 0.0:
-        _write(canvas, f"payload {picture.payload:.3g} kg", (right, SECOND * size), line, INK, 1.0)
+        write(canvas, f"payload {picture.payload:.3g} kg", (right, SECOND * size), line, INK, 1.0)
     error = [1e3 * (r - q) for r, q in zip(picture.reference, picture.position, strict=True)]
-    rows = [("error [mrad]", error, GHOST), ("torque [N m]", picture.torque, VERMILLION)]
+    rows = [("error [mrad]", error), ("torque [N m]", picture.torque)]
     if picture.disturbance is not None:
-        rows.append(("disturbance [N m]", picture.disturbance, PURPLE))
+        rows.append(("disturbance [N m]", picture.disturbance))
     columns = (0.7 * size, right)
     for i, x in enumerate(columns):
-        _write(canvas, f"joint {i + 1}", (x, TABLE * size), line, INK, 1.0)
-    for i, (name, values, colour) in enumerate(rows, start=1):
+        write(canvas, f"joint {i + 1}", (x, TABLE * size), line, INK, 1.0)
+    for i, (name, values) in enumerate(rows, start=1):
         y = TABLE * size + 1.06 * i * line
-        pygame.draw.circle(canvas, colour, (left + 0.3 * line, y), 0.25 * line)
-        _write(canvas, name, (left + line, y), line, INK)
+        write(canvas, name, (left, y), line, INK)
         for value, x in zip(values, columns, strict=True):
-            number = f"{value:+,.1f}" if abs(value) < 1e6 else f"{value:+.1e}"
-            _write(canvas, number.replace("-", "\N{MINUS SIGN}"), (x, y), line, INK, 1.0)
+            number = f"{value + 0.0:+,.1f}" if abs(value) < 1e6 else f"{value:+.1e}"
+            write(canvas, number.replace("-", "\N{MINUS SIGN}"), (x, y), line, INK, 1.0)
 
 
 def _line(canvas: pygame.Surface, points: Sequence[Point], widths: Sequence[float], colour: Colour) -> None:
@@ -157,7 +162,7 @@ def _line(canvas: pygame.Surface, points: Sequence[Point], widths: Sequence[floa
         pygame.draw.circle(canvas, colour, point, width / 2)
 
 
-def _write(canvas: pygame.Surface, text: str, at: Point, height: float, colour: Colour, align: float = 0.0) -> None:
+def write(canvas: pygame.Surface, text: str, at: Point, height: float, colour: Colour, align: float = 0.0) -> None:
     """Write a line of text, at half of whose height is the point `at`.
 
     `align` 0: `at` is the left end, 1/2: the middle, 1: the right end.

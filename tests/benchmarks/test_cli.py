@@ -12,6 +12,7 @@ from rich.console import Console
 from benchmarks import cli
 from benchmarks.analysis.board import assemble
 from benchmarks.cli import list as names
+from benchmarks.cli import sweep
 from benchmarks.report import markdown, terminal
 from benchmarks.report.columns import ALL, columns_of, number
 from benchmarks.run.runner import run_cell
@@ -124,6 +125,39 @@ def printed(board, **options):
     file = io.StringIO()
     terminal.leaderboard(Console(file=file, **options), board)
     return file.getvalue()
+
+
+@pytest.mark.parametrize("policies", [(), ("zero",)])
+def test_a_short_board_has_the_first_rows_and_the_policies_that_are_asked_for(board, policies):
+    file = io.StringIO()
+    terminal.leaderboards(Console(file=file, width=132), {"one": board, "two": board}, terminal.Rows(1, policies))
+    shown = file.getvalue()
+    assert shown.count("slotine-li@tuned") == 3  # on both boards and on that of both
+    assert shown.count("zero ") == 3 * len(policies)
+    assert "(oracle-flm)" not in shown
+    assert shown.count(terminal.MEANING[:40]) == 1
+
+
+def test_evaluate_prints_the_metrics_that_there_are(fbl_gym):
+    """No step, no constraint and no event: seven metrics have no value."""
+    short, every = (fbl_gym(["evaluate", "zero", "--seeds", "1", *more]).out for more in ([], ["--columns", "all"]))
+    assert "settling_s" not in short
+    assert " - " not in short
+    assert every.count(" - ") >= 7
+
+
+@pytest.mark.parametrize(
+    ("option", "unit"),
+    [
+        ("noise.position", "rad"),
+        ("noise.velocity.bias", "rad/s"),
+        ("joint", "N m/rad"),
+        ("arm.m2", "kg"),
+        ("encoder", ""),
+    ],
+)
+def test_a_sweep_names_the_unit_of_its_option(option, unit):
+    assert sweep._unit(option) == unit
 
 
 def test_the_board_in_a_file_has_the_numbers_of_the_markdown_table(board):

@@ -1,6 +1,7 @@
 """Figures that a journal takes."""
 
 import dataclasses
+import re
 
 import numpy as np
 import pytest
@@ -27,19 +28,29 @@ def panels(monkeypatch):
     return drawn
 
 
-@pytest.mark.parametrize("columns", [1, 2])
-def test_the_ending_gives_the_format(columns, tmp_path):
-    panels = [Panel("", "time [s]", "error [%]", (Line(X, X, "a", low=X - 1, high=X + 1), Line(X, X, "_")))]
+@pytest.mark.parametrize("width", [1, 2, None])
+@pytest.mark.parametrize("label", ["b", "_"])
+def test_the_ending_gives_the_format_and_a_width_leaves_out_the_title(width, label, tmp_path):
+    panels = [Panel("", "time [s]", "error [%]", (Line(X, X, "a", low=X - 1, high=X + 1), Line(X, X, label)))]
     for ending in ("png", "pdf", "svg"):
-        plot_lines("not drawn", panels, tmp_path / f"figure.{ending}", columns)
+        plot_lines("the title", panels, tmp_path / f"figure.{ending}", width)
     pdf, svg = (tmp_path / "figure.pdf").read_bytes(), (tmp_path / "figure.svg").read_text()
     assert b"/FontFile2" in pdf  # TrueType, embedded
     assert b"/Type3" not in pdf
     assert ">error [%]</text>" in svg
-    assert ">not drawn</text>" not in svg
+    assert (">the title</text>" in svg) == (width is None)
     with Image.open(tmp_path / "figure.png") as picture:
-        assert picture.width == round(300 * plot.WIDTHS[columns])
-        assert picture.info["Title"] == "not drawn"
+        assert picture.width == round(300 * plot.WIDTHS[width or 2])
+        assert picture.info["Title"] == "the title"
+
+
+@pytest.mark.parametrize(("low", "labels"), [(0.2, "0.2 0.3 0.5 1"), (0.02, "0.03 0.1 0.3 1"), (1e-4, "0.0001 0.001")])
+def test_a_logarithmic_axis_has_plain_numbers(low, labels, tmp_path):
+    line = Line(np.array([low, 1.0]), np.array([1.0, 2.0]), "a", color="black")
+    plot_lines("t", [Panel("", "x", "y", (line,), ("log", "linear"))], tmp_path / "figure.svg")
+    drawn = re.findall(r">([^<]+)</text>", (tmp_path / "figure.svg").read_text())
+    assert set(labels.split()) <= set(drawn)
+    assert len(drawn) < 25
 
 
 def test_lines_differ_in_grey_print():

@@ -62,14 +62,26 @@ def test_processes_share_what_one_has_compiled(tmp_path):
     """Two processes compile at once; a later one compiles nothing."""
     environment = {**os.environ, "NUMBA_CACHE_DIR": str(tmp_path)}
     command = [sys.executable, "-c", TOGETHER]
-    workers = [subprocess.Popen(command, env=environment, stdout=subprocess.PIPE, text=True) for _ in range(2)]
-    outputs = {worker.communicate()[0] for worker in workers}
+    pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE}
+    workers = [subprocess.Popen(command, env=environment, text=True, **pipes) for _ in range(2)]
+    outputs = [worker.communicate() for worker in workers]
     assert [worker.returncode for worker in workers] == [0, 0]
+    assert sum("compiles its code once" in text for _, text in outputs) == 1
     files = {path: path.stat().st_mtime_ns for path in tmp_path.rglob("*.nb?")}
     assert files
     later = subprocess.run(command, env=environment, capture_output=True, text=True, check=True)
-    assert outputs == {later.stdout}
+    assert [text for text, _ in outputs] == [later.stdout] * 2
+    assert later.stderr == ""
     assert {path: path.stat().st_mtime_ns for path in tmp_path.rglob("*.nb?")} == files
+
+
+def test_one_process_says_that_code_is_compiled_and_another_does_a_while_later(tmp_path, capsys):
+    for _ in range(3):
+        fastmath.say_once(tmp_path)
+    assert capsys.readouterr().err == "fbl-gym: compiles its code once, some 20 s; it is kept on disk\n"
+    os.utime(tmp_path / "compiling", (0, 0))
+    fastmath.say_once(tmp_path)
+    assert capsys.readouterr().err.count("\n") == 1
 
 
 def test_every_compiled_function_has_a_name_of_its_own():

@@ -73,7 +73,7 @@ def test_an_option_survives_json_and_a_spec(field):
 def packed(options):
     """Return the program of an environment as bytes."""
     batch = TwoLinkArmEnv(**options)._batch
-    return batch._settings.tobytes() + batch._memory[batch._parts["tables"]].tobytes()
+    return batch.settings.tobytes() + batch._memory[batch._parts["tables"]].tobytes()
 
 
 @each([field for field in LEAVES if not field.path.startswith(("plant", "datasheet"))])
@@ -166,7 +166,7 @@ def test_an_option_is_described_and_frozen(field):
 def drawn(options, lanes=64):
     """Return the numbers of many arms that may vary, [numbers x lanes], and the number and stream of each draw."""
     env = started_batch(lanes, **options, seed=3)
-    batch, program = env._batch, env._batch._settings
+    batch, program = env._batch, env._batch.settings
     blocks = batch._memory[batch._parts["blocks"]].reshape(-(-lanes // LANES), -1, LANES)
     first, count = int(program["event_row"]), EVENT_ROWS * int(program["events"])
     rows = [*range(FIRST_VARIED, FIRST_VARIED + VARIED.itemsize // 8), *range(first, first + count)]

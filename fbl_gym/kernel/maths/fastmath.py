@@ -10,8 +10,11 @@ Microsystems 1993). Those of exp and log are plain Taylor series, long enough th
 below rounding. `tests/fbl_gym/test_fastmath.py` bounds their distance from the C library.
 """
 
+import contextlib
 import hashlib
 import os
+import sys
+import time
 import warnings
 from pathlib import Path
 from typing import Any
@@ -60,6 +63,10 @@ def digest(package: Path) -> str:
 _DIGEST = digest(Path(__file__).parents[2])
 
 
+WHILE = 300.0
+"""Time in which all that a command needs is compiled [s]."""
+
+
 class _Cache(caching.FunctionCache):
     """Numba's cache on disk, which alone notices changes in a function's own file only.
 
@@ -84,6 +91,24 @@ class _Cache(caching.FunctionCache):
         hash in each process.
         """
         return sig, codegen.magic_tuple(), _DIGEST
+
+    def load_overload(self, sig: Any, target_context: Any) -> Any:
+        """Return what is kept of a function; None, and say so, if it must be compiled."""
+        kept = super().load_overload(sig, target_context)
+        if kept is None and self._py_func.__module__.startswith("fbl_gym.kernel.step"):  # others are short
+            say_once(Path(self.cache_path))
+        return kept
+
+
+def say_once(folder: Path) -> None:
+    """Say that code is compiled, unless a process with the same cache has said so of late."""
+    said = folder / "compiling"
+    with contextlib.suppress(OSError):  # such as that the file exists
+        folder.mkdir(parents=True, exist_ok=True)
+        if said.exists() and time.time() - said.stat().st_mtime > WHILE:
+            said.unlink()
+        said.open("x").close()
+        print("fbl-gym: compiles its code once, some 20 s; it is kept on disk", file=sys.stderr, flush=True)
 
 
 def cached_njit(function: Any) -> Any:
