@@ -44,6 +44,20 @@ def array_at(_context, memory, _index, shape, dtype):
     return array_type(memory, types.intp, shape, dtype), emit
 
 
+@intrinsic
+def numbers_at(_context, _address, _length):
+    """Return the array of doubles at an address."""
+    array_type = types.float64[::1]
+
+    def emit(context, builder, _signature, arguments):
+        view = context.make_array(array_type)(context, builder)
+        pointer = builder.inttoptr(arguments[0], view.data.type)
+        populate_array(view, pointer, [arguments[1]], [context.get_constant(types.intp, 8)], 8, None)
+        return view._getvalue()
+
+    return array_type(types.int64, types.int64), emit
+
+
 @inline_njit
 def pair_of(numbers):
     """Return both joints' numbers of a setting."""
