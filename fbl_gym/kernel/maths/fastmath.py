@@ -57,7 +57,7 @@ def digest(package: Path) -> str:
     return hashlib.sha256(b"".join(path.read_bytes() for path in files)).hexdigest()
 
 
-_DIGEST = digest(Path(__file__).parents[2])
+DIGEST = digest(Path(__file__).parents[2])
 
 
 class _Cache(caching.FunctionCache):
@@ -83,7 +83,7 @@ class _Cache(caching.FunctionCache):
         Numba's own key hashes what a closure refers to. A compiled function among it has another
         hash in each process.
         """
-        return sig, codegen.magic_tuple(), _DIGEST
+        return sig, codegen.magic_tuple(), DIGEST
 
 
 def cached_njit(function: Any) -> Any:

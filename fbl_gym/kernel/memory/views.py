@@ -45,17 +45,18 @@ def array_at(_context, memory, _index, shape, dtype):
 
 
 @intrinsic
-def numbers_at(_context, _address, _length):
-    """Return the array of doubles at an address."""
-    array_type = types.float64[::1]
+def numbers_at(_context, _address, _length, dtype):
+    """Return the array of a type at an address."""
+    array_type = types.Array(dtype.dtype, 1, "C")
 
     def emit(context, builder, _signature, arguments):
         view = context.make_array(array_type)(context, builder)
         pointer = builder.inttoptr(arguments[0], view.data.type)
-        populate_array(view, pointer, [arguments[1]], [context.get_constant(types.intp, 8)], 8, None)
+        itemsize = context.get_abi_sizeof(view.data.type.pointee)
+        populate_array(view, pointer, [arguments[1]], [context.get_constant(types.intp, itemsize)], itemsize, None)
         return view._getvalue()
 
-    return array_type(types.int64, types.int64), emit
+    return array_type(types.int64, types.int64, dtype), emit
 
 
 @inline_njit

@@ -5,7 +5,7 @@ import numpy as np
 from fbl_gym.kernel.arm.elastic import advance_elastic, elastic_acceleration_and_friction, start_motors
 from fbl_gym.kernel.arm.flexible import advance_flexible, flexible_acceleration_and_friction, start_bends
 from fbl_gym.kernel.arm.physics import acceleration_and_friction, advance_by_law, advance_smoothly
-from fbl_gym.kernel.maths.fastmath import cached_njit, inline_njit, kernel_njit, merged_njit, named
+from fbl_gym.kernel.maths.fastmath import cached_njit, inline_njit, kernel_njit, larger, merged_njit, named, smaller
 from fbl_gym.kernel.memory.layout import (
     BLOCK,
     ENDED,
@@ -155,7 +155,6 @@ def _compile_step(real, rare, advance, accelerate):
     is compiled when it is first called.
     """
 
-    @merged_njit
     def step_lanes(memory, out, settings, moves, first, count, width):
         """Step `count` lanes from the lane `first` on, of which `width` are computed."""
         size, tables = settings.observation_size, _tables(memory, settings)
@@ -184,6 +183,9 @@ def _compile_step(real, rare, advance, accelerate):
             readings.sense(block, rows, settings, width, real, rare, accelerate)
         observations = array_at(out, first * size, (count, size), np.float64)
         readings.observe(block, rows, waypoints, settings, tables, observations, _ZERO, count)
+
+    name = real, rare, advance.__name__
+    step_lanes = merged_njit(named(step_lanes, *name))
 
     def step(memory, out, moves, begin, end):
         """Advance every lane by one control step; start an episode in lanes marked RESTART.
@@ -230,7 +232,7 @@ def _compile_step(real, rare, advance, accelerate):
                 moves = False
         step_lanes(memory, out, settings, moves, lane, 1, 1)
 
-    return cached_njit(named(step, real, rare, advance.__name__)), named(step_lane, real, rare, advance.__name__)
+    return cached_njit(named(step, *name)), named(step_lane, *name)
 
 
 @cached_njit
@@ -300,6 +302,15 @@ def end(memory):
         _report(block, rows, waypoints, settings, tables, memory, number * LANES, count)
 
 
+@inline_njit
+def scale_lane(observations, columns, out, results, size, lane):
+    """Do as `subtract_and_scale` to one lane, with `size` numbers of an observation."""
+    for i in range(results):
+        less, value = int(columns[4 * i + 1]), observations[lane * size + int(columns[4 * i])]
+        value -= observations[lane * size + less] if less >= 0 else columns[4 * i + 2]
+        out[lane * results + i] = smaller(larger(value / columns[4 * i + 3], -10.0), 10.0)
+
+
 @cached_njit
 def subtract_and_scale(observations, columns, out):
     """Write entries of observations, less others, in units of their scales, clipped to +-10.
@@ -307,17 +318,13 @@ def subtract_and_scale(observations, columns, out):
     Args:
         observations: [lanes * size].
         columns: of each result, the entry, the entry that is subtracted, or -1 for a number,
-            this number, and the scale, [results x 4].
+            this number, and the scale, [results * 4].
         out: takes them [lanes * results].
     """
-    lanes = len(out) // len(columns)
+    results = len(columns) // 4
+    lanes = len(out) // results
     for lane in range(lanes):
-        first = lane * (len(observations) // lanes)
-        for i in range(len(columns)):
-            less = int(columns[i, 1])
-            value = observations[first + int(columns[i, 0])]
-            value = (value - (observations[first + less] if less >= 0 else columns[i, 2])) / columns[i, 3]
-            out[lane * len(columns) + i] = min(max(value, -10.0), 10.0)
+        scale_lane(observations, columns, out, results, len(observations) // lanes, lane)
 
 
 STEPS, LANE_STEPS = zip(

@@ -87,7 +87,8 @@ def _call(_context, _address, _memory, _out, _moves, _begin, _end):
 @kernel_njit
 def _take_part(job, lock):
     """Step blocks until all are taken; the lock is held before and after."""
-    memory, out = numbers_at(job.memory[0], job.memory[1]), numbers_at(job.out[0], job.out[1])
+    memory = numbers_at(job.memory[0], job.memory[1], np.float64)
+    out = numbers_at(job.out[0], job.out[1], np.float64)
     while job.next < job.blocks:
         begin, step, moves = job.next, job.step, job.moves
         end = min(begin + max(_LEAST_BLOCKS, (job.blocks - begin) // (4 * job.threads)), job.blocks)
