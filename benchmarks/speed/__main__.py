@@ -10,8 +10,7 @@ from benchmarks.policies.spec import resolve
 from benchmarks.run.store import provenance
 from benchmarks.run.suite import load
 from benchmarks.speed.decisions import measure_decisions
-from benchmarks.speed.device import measure_device
-from benchmarks.speed.environments import compare, measure_environments
+from benchmarks.speed.environments import compare, measure_environments, measure_gpu
 from fbl_gym.reading import read_text
 
 LEGEND = """
@@ -35,7 +34,7 @@ def main() -> None:
         parser.error(f"argument --rounds: must be at least 1, got {arguments.rounds}")
     if arguments.device is not None:
         try:
-            for name, lanes, rate in measure_device(arguments.rounds):
+            for name, lanes, rate in measure_gpu(arguments.rounds):
                 print(f"{name:<20} {lanes:>9,} lanes {rate / 1e6:>8,.0f} million steps/s", flush=True)
         except (ImportError, RuntimeError) as problem:
             parser.exit(1, f"{problem}\n")

@@ -149,9 +149,7 @@ class TwoLinkArmVectorEnv(TaskProperties, VectorEnv[Array, Array, Array]):
             raise error.ResetNeeded("call reset() before the first step()")
         batch = self._batch
         observations = batch.observations()
-        refused = batch.step(actions, observations)
-        if refused >= 0:
-            self._refuse(refused, f", got {actions[refused // 2]}")
+        self._refuse(batch.step(actions, observations), actions)
         rewards, terminated, truncated = batch.outcomes
         return observations, rewards, terminated, truncated, self._infos(terminated, truncated)
 
@@ -161,13 +159,16 @@ class TwoLinkArmVectorEnv(TaskProperties, VectorEnv[Array, Array, Array]):
         Such a lane has an action that is not finite, or needs a reset; its reward is NaN. On the
         CPU, `step` has raised it.
         """
-        if self.device == "cuda" and (refused := self._batch.refused()) >= 0:
-            self._refuse(refused)
+        if self.device == "cuda":
+            self._refuse(self._batch.refused())
 
-    def _refuse(self, refused: int, got: str = "") -> None:
-        """Raise the error of a result of `api.check`."""
+    def _refuse(self, refused: int, actions: Any = None) -> None:
+        """Raise the error of a result of `api.check`, if it is one."""
+        if refused < 0:
+            return
         lane = refused // 2
         if refused % 2 == 0:
+            got = "" if actions is None else f", got {actions[lane]}"
             raise ValueError(f"actions must be finite{got} in lane {lane}")
         raise error.ResetNeeded(
             f"the episode of lane {lane} has ended: call reset(options={{'reset_mask': ...}}) before step()"
@@ -183,7 +184,7 @@ class TwoLinkArmVectorEnv(TaskProperties, VectorEnv[Array, Array, Array]):
             return infos
         if self.device == "cuda":  # nothing here waits for the GPU, but for costs
             infos["final_obs"] = self._batch.final_observations
-            if self._batch.has_operators:
+            if hasattr(terminated, "__or__"):
                 infos["_final_obs"] = terminated | truncated
             if not self._constrained:
                 return infos
@@ -193,13 +194,12 @@ class TwoLinkArmVectorEnv(TaskProperties, VectorEnv[Array, Array, Array]):
             return infos
         costs = {"cost": np.where(done, measures["cost"], 0.0), "_cost": done.copy()} if self._constrained else {}
         infos |= {"final_info": costs, "_final_info": done.copy()}
-        if self.device == "cuda":
-            return infos
-        final = np.full(self.num_envs, None, dtype=object)
-        lasts = self._batch.final_observations
-        for lane in np.flatnonzero(done):
-            final[lane] = lasts[lane].copy()
-        return infos | {"final_obs": final, "_final_obs": done}
+        if self.device == "cpu":
+            final, lasts = np.full(self.num_envs, None, dtype=object), self._batch.final_observations
+            for lane in np.flatnonzero(done):
+                final[lane] = lasts[lane].copy()
+            infos |= {"final_obs": final, "_final_obs": done}
+        return infos
 
     @property
     def truth(self) -> Truth:

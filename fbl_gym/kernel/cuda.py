@@ -8,6 +8,7 @@ memory.
 
 from __future__ import annotations
 
+import contextlib
 import hashlib
 import importlib.util
 import math
@@ -21,8 +22,8 @@ import numpy as np
 from numba import types
 from numpy.typing import NDArray
 
-from fbl_gym.kernel.batch import ArmBatch, Truth
-from fbl_gym.kernel.maths.fastmath import DIGEST, kernel_njit
+from fbl_gym.kernel.batch import ArmBatch
+from fbl_gym.kernel.maths.fastmath import DIGEST, kernel_njit, named
 from fbl_gym.kernel.memory import layout as memory
 from fbl_gym.kernel.memory.views import numbers_at
 from fbl_gym.kernel.step import api
@@ -60,7 +61,7 @@ def lane_function(name: int | str) -> Any:
     def step(memory, out, moves, _d, _e, lane):
         step_lane(numbers_at(memory, 1, np.float64), numbers_at(out, 1, np.float64), moves != 0, lane)
 
-    return step
+    return named(step, name)
 
 
 def compile_lane(name: int | str, capability: tuple[int, int], ptx: bool = False) -> bytes:
@@ -83,16 +84,13 @@ def compile_lane(name: int | str, capability: tuple[int, int], ptx: bool = False
     options = ProgramOptions(arch=arch, relocatable_device_code=True, link_time_optimization=True, fma=False)
     kernel = Program(_KERNEL, "c++", options).compile("ltoir").code
     flags = [f"-arch={arch}", "-lto", "-fma=0", *(["-ptx"] if ptx else [])]
-    linker = nvjitlink.create(len(flags), flags)
-    try:
-        for part in (lane, kernel):
-            nvjitlink.add_data(linker, nvjitlink.InputType.LTOIR, part, len(part), "part")
-        nvjitlink.complete(linker)
-        kind = "ptx" if ptx else "cubin"
-        code = bytearray(getattr(nvjitlink, f"get_linked_{kind}_size")(linker))
-        getattr(nvjitlink, f"get_linked_{kind}")(linker, code)
-    finally:
-        nvjitlink.destroy(linker)
+    linker, kind = nvjitlink.create(len(flags), flags), "ptx" if ptx else "cubin"
+    for part in (lane, kernel):
+        nvjitlink.add_data(linker, nvjitlink.InputType.LTOIR, part, len(part), "part")
+    nvjitlink.complete(linker)
+    code = bytearray(getattr(nvjitlink, f"get_linked_{kind}_size")(linker))
+    getattr(nvjitlink, f"get_linked_{kind}")(linker, code)
+    nvjitlink.destroy(linker)
     return bytes(code)
 
 
@@ -106,7 +104,6 @@ def _machine_code(name: int | str, capability: tuple[int, int]) -> bytes:
     print("fbl_gym compiles this scenario's step for the GPU, once: some 10 to 25 s", file=sys.stderr, flush=True)
     code = compile_lane(name, capability)
     if path is not None:
-        path.parent.mkdir(parents=True, exist_ok=True)
         part = path.with_suffix(f".{os.getpid()}")
         part.write_bytes(code)
         part.replace(path)
@@ -120,12 +117,12 @@ class Gpu:
         device: a `cuda.core.Device`.
     """
 
-    has_operators = False
-    """True if arrays can be computed with."""
-
     def __init__(self, device: Any) -> None:
         self._device = device
         self._kernels: dict[int | str, Any] = {}
+
+    def __reduce__(self) -> Any:
+        return open_gpu, ()
 
     @property
     def stream(self) -> Any:
@@ -156,14 +153,12 @@ class Gpu:
             from cuda.core.utils import StridedMemoryView
 
             view = StridedMemoryView.from_any_interface(values, stream_ptr=int(self.stream.handle))
-            rows = (view.shape[-1], 1)[-len(view.shape) :]
-            if view.dtype != np.float64 or (view.strides is not None and tuple(view.strides) != rows):
+            if view.dtype != np.float64 or view.strides not in (None, (2, 1)):
                 raise ValueError(f"actions must be float64 and contiguous, got {view.dtype}, strides {view.strides}")
-            source, count = view.ptr, math.prod(view.shape)
+            self._copy(array.ptr + 8 * first, view.ptr, 8 * math.prod(view.shape))
         else:
             values = np.ascontiguousarray(values, dtype=np.float64)
-            source, count = values.ctypes.data, values.size
-        self._copy(array.ptr + 8 * first, source, 8 * count)
+            self._copy(array.ptr + 8 * first, values.ctypes.data, values.nbytes)
 
     def read(self, array: Any, host: Array) -> None:
         """Copy the first numbers of an array to one of the host."""
@@ -195,15 +190,20 @@ class Gpu:
 class TorchGpu(Gpu):
     """The present GPU of torch, whose tensors and current stream it takes."""
 
-    has_operators, place = True, "cuda"
+    place = "cuda"
+
+    def __init__(self, device: Any) -> None:
+        import torch
+
+        super().__init__(device)
+        self._torch = torch
 
     @property
     def stream(self) -> Any:
         """Return torch's current stream."""
-        import torch
         from cuda.core import Stream
 
-        return Stream.from_handle(torch.cuda.current_stream().cuda_stream)
+        return Stream.from_handle(self._torch.cuda.current_stream().cuda_stream)
 
     def address(self, array: Any) -> int:
         """Return the address of a tensor's first number."""
@@ -211,30 +211,21 @@ class TorchGpu(Gpu):
 
     def empty(self, shape: tuple[int, ...], dtype: Any = np.float64) -> Any:
         """Return a new tensor."""
-        import torch
-
-        return torch.empty(shape, dtype=getattr(torch, np.dtype(dtype).name), device=self.place)
+        return self._torch.empty(shape, dtype=getattr(self._torch, np.dtype(dtype).name), device=self.place)
 
     def take(self, array: Any, first: int, shape: tuple[int, ...], dtype: Any = np.float64) -> Any:
         """Return a copy of a part of a tensor, which begins at its byte `first`."""
-        import torch
-
         out = self.empty(shape, dtype)
-        size = math.prod(shape) * out.element_size()
-        return out.copy_(array.view(torch.uint8)[first : first + size].view(out.dtype).view(shape))
+        return out.copy_(array.view(self._torch.uint8)[first : first + out.nbytes].view(out.dtype).view(shape))
 
     def write(self, array: Any, first: int, values: Any) -> None:
         """Set the numbers of a tensor from `first` on, from an array of the host or the GPU."""
-        import torch
-
-        values = torch.as_tensor(values).reshape(-1)
+        values = self._torch.as_tensor(values).reshape(-1)
         array[first : first + len(values)].copy_(values)
 
     def read(self, array: Any, host: Array) -> None:
         """Copy the first numbers of a tensor to an array of the host."""
-        import torch
-
-        torch.from_numpy(host).copy_(array[: len(host)])
+        self._torch.from_numpy(host).copy_(array[: len(host)])
 
 
 def open_gpu() -> Gpu:
@@ -248,21 +239,32 @@ def open_gpu() -> Gpu:
         from cuda.core import Device
     except ImportError:
         raise ImportError("device='cuda' needs NVIDIA's packages for Python: pip install 'fbl-gym[cuda]'") from None
-    try:
-        if importlib.util.find_spec("torch") is not None:
-            import torch
+    kind = Gpu
+    with contextlib.suppress(ImportError):
+        import torch
 
-            if torch.cuda.is_available():
-                device = Device(torch.cuda.current_device())
-                device.set_current()
-                return TorchGpu(device)
+        kind = TorchGpu if torch.cuda.is_available() else Gpu
+    try:
         device = Device()
         device.set_current()
     except Exception as problem:
         raise RuntimeError(
             f"device='cuda' needs an NVIDIA GPU and its driver for CUDA 13 (580 or newer); none answers: {problem}"
         ) from problem
-    return Gpu(device)
+    return kind(device)
+
+
+def _through_host(name: str, changes: bool = False) -> Any:
+    """Return the method of `ArmBatch` of a name, on a copy of the GPU's memory."""
+
+    def method(self: CudaBatch, *arguments: Any) -> Any:
+        self._pull()
+        result = getattr(ArmBatch, name)(self, *arguments)
+        if changes:
+            self._push()
+        return result
+
+    return method
 
 
 class CudaBatch(ArmBatch):
@@ -273,30 +275,15 @@ class CudaBatch(ArmBatch):
         lanes: number of arms, one or more.
     """
 
-    _PLACES = "_gpu", "_stored", "_columns"
+    seed, next_episode = _through_host("seed", changes=True), _through_host("next_episode", changes=True)
+    field, true_signals, truth = map(_through_host, ("field", "true_signals", "truth"))
 
     def _start(self) -> None:
         """Put the memory on the GPU; lanes beyond the last arm are not computed there."""
         self._blocks["status"] = memory.ENDED
-        self._open()
-
-    def _open(self) -> None:
         self._gpu, self._columns = open_gpu(), None
-        self._stored = self._gpu.empty((len(self._memory),))
+        self._stored = self._gpu.empty(self._memory.shape)
         self._push()
-
-    def __getstate__(self) -> dict[str, Any]:
-        self._pull()
-        return {name: value for name, value in vars(self).items() if name not in self._PLACES}
-
-    def __setstate__(self, state: dict[str, Any]) -> None:
-        super().__setstate__(state)
-        self._open()
-
-    @property
-    def has_operators(self) -> bool:
-        """True if the arrays of outcomes can be computed with."""
-        return self._gpu.has_operators
 
     def _pull(self) -> None:
         """Copy the memory from the GPU."""
@@ -309,18 +296,6 @@ class CudaBatch(ArmBatch):
     def observations(self) -> Any:
         """Return an array for observations, [lanes x size]."""
         return self._gpu.empty((self.lanes, self._size))
-
-    def seed(self, lanes: NDArray[np.int64], seeds: NDArray[np.uint64] | np.uint64) -> None:
-        """Give lanes their seeds; see `ArmBatch.seed`."""
-        self._pull()
-        super().seed(lanes, seeds)
-        self._push()
-
-    def next_episode(self, lanes: NDArray[np.int64]) -> None:
-        """Let the next episode of these lanes be another one of the same seed."""
-        self._pull()
-        super().next_episode(lanes)
-        self._push()
 
     def reset(self, lanes: NDArray[np.int64], out: Any) -> None:
         """Start an episode in some lanes; write all observations to `out` [lanes x size]."""
@@ -348,21 +323,19 @@ class CudaBatch(ArmBatch):
 
     def refused(self) -> int:
         """Return a result of `api.check` of a step since the last reset or call."""
-        self._pull()
+        settings = self._memory[self._parts["settings"]]
+        self._gpu.read(self._stored, settings)
         refused = int(self._settings["refused"])
         self._settings["refused"] = 0
-        self._push()
+        self._gpu.write(self._stored, 0, settings)
         return refused - 1
 
     @property
     def outcomes(self) -> tuple[Any, Any, Any]:
         """Rewards, terminated and truncated of the last step, [lanes] each."""
-        rewards, flags = 8 * self._parts["rewards"].start, 8 * self._parts["flags"].start
-        shape, take = (self.lanes,), self._gpu.take
-        return (
-            take(self._stored, rewards, shape), take(self._stored, flags, shape, bool),
-            take(self._stored, flags + self.lanes, shape, bool),
-        )  # fmt: skip
+        first, shape = 8 * self._parts["flags"].start, (self.lanes,)
+        flags = (self._gpu.take(self._stored, begin, shape, bool) for begin in (first, first + self.lanes))
+        return self._gpu.take(self._stored, 8 * self._parts["rewards"].start, shape), *flags
 
     @property
     def final_observations(self) -> Any:
@@ -377,18 +350,3 @@ class CudaBatch(ArmBatch):
         out = self._gpu.empty((self.lanes, len(columns)), np.float32)
         self._gpu.launch("scale", self.lanes, observations, self._columns, out, len(columns), self._size)
         return out
-
-    def field(self, name: str) -> Array:
-        """Return a copy of a field of the blocks; see `ArmBatch.field`."""
-        self._pull()
-        return super().field(name)
-
-    def true_signals(self) -> dict[str, Array]:
-        """Return a copy of the truth that a recording needs; see `ArmBatch.true_signals`."""
-        self._pull()
-        return super().true_signals()
-
-    def truth(self) -> Truth:
-        """Return a copy of the truth at this instant."""
-        self._pull()
-        return super().truth()
