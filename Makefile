@@ -65,16 +65,16 @@ constraints:
 	printf 'torch==2.13.0\n' > .venv/pins.txt
 	$(BIN)/python -m pip install --quiet uv
 	$(BIN)/uv pip compile --quiet --universal --python-version 3.11 --no-header --no-annotate --constraint .venv/pins.txt \
-		--all-extras pyproject.toml | grep -vE '^(nvidia|cuda|triton)' > .venv/constraints.txt
+		--extra all --extra dev pyproject.toml | grep -vE '^(nvidia|cuda|triton)' > .venv/constraints.txt
 	mv .venv/constraints.txt constraints.txt
 
-# Tests every lower bound of pyproject.toml, of all extras, in .venv-oldest; torch is that of constraints.txt.
+# Tests every lower bound of pyproject.toml, of all extras but `cuda`, in .venv-oldest; torch is that of constraints.txt.
 test-oldest:
 	$(PYTHON) -m venv .venv-oldest
 	.venv-oldest/bin/python -m pip install --quiet uv
 	grep '^torch==' constraints.txt > .venv-oldest/pins.txt
 	.venv-oldest/bin/uv pip compile --quiet --resolution lowest-direct --no-header --no-annotate --constraint .venv-oldest/pins.txt \
-		--all-extras pyproject.toml | grep -vE '^(nvidia|cuda|triton)' > .venv-oldest/oldest.txt
+		--extra all --extra dev pyproject.toml | grep -vE '^(nvidia|cuda|triton)' > .venv-oldest/oldest.txt
 	.venv-oldest/bin/python -m pip install --quiet --requirement .venv-oldest/oldest.txt --editable .
 	.venv-oldest/bin/python -m pytest -n 2 --dist loadfile -m '' -W default
 

@@ -10,7 +10,7 @@ from benchmarks.policies.spec import resolve
 from benchmarks.run.store import provenance
 from benchmarks.run.suite import load
 from benchmarks.speed.decisions import measure_decisions
-from benchmarks.speed.environments import compare, measure_environments
+from benchmarks.speed.environments import compare, measure_environments, measure_gpu
 from fbl_gym.kernel.step.pool import cores
 from fbl_gym.reading import read_text
 
@@ -29,9 +29,17 @@ def main() -> None:
         "--decisions", nargs="*", metavar="POLICY",
         help="instead, measure a decision by these policies, or by all that the board ranks: of one arm, and of 32 at 1 kHz",
     )  # fmt: skip
+    parser.add_argument("--device", choices=["cuda"], help="instead, measure batches on an NVIDIA GPU, with torch")
     arguments = parser.parse_args()
     if arguments.rounds < 1:
         parser.error(f"argument --rounds: must be at least 1, got {arguments.rounds}")
+    if arguments.device is not None:
+        try:
+            for name, lanes, rate in measure_gpu(arguments.rounds):
+                print(f"{name:<20} {lanes:>9,} lanes {rate / 1e6:>8,.0f} million steps/s", flush=True)
+        except (ImportError, RuntimeError) as problem:
+            parser.exit(1, f"{problem}\n")
+        return
     if arguments.decisions is not None:
         ranked = [name for name in map(str, load("servo").policy_names) if resolve(name).ranked]
         print(f"{'decision, median microseconds':<42} {'one arm':>8} {'32 arms':>8}")

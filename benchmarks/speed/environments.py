@@ -3,13 +3,16 @@
 One step of the arm takes ten Runge-Kutta steps of 1 ms: forty evaluations of its dynamics.
 """
 
+import itertools
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from typing import Any, TypeAlias
 
 import gymnasium as gym
 import numpy as np
 
+from fbl_gym import TwoLinkArmVectorEnv
+from fbl_gym.kernel.cuda import TorchGpu, open_gpu
 from fbl_gym.kernel.step.pool import cores
 from fbl_gym.model.arm import Array
 
@@ -100,6 +103,40 @@ def measure_environments(rounds: int = 7) -> list[dict[str, Any]]:
         median, ratio = np.median(rates[name]), np.median(rates[name] / rates[peer or name])
         rows.append({"name": name, "median": float(median), "ratio": float(ratio), "peer": peer})
     return rows
+
+
+def measure_gpu(rounds: int = 7) -> Iterator[tuple[str, int, float]]:
+    """Yield a name, its number of lanes, and the most steps per second of batches on a GPU.
+
+    A CUDA graph of torch draws the actions and makes the steps.
+
+    Raises:
+        ImportError: without the extra `cuda`, or a torch with CUDA.
+        RuntimeError: without a GPU.
+    """
+    if not isinstance(open_gpu(), TorchGpu):
+        raise ImportError("--device cuda needs a torch with CUDA: pip install torch")
+    import torch
+
+    names = {name: {"scenario": name} for name in ("servo-everything-2", "servo-elastic-2")}
+    kinds: dict[str, Any] = {"plain": {}, "busy": _BUSY, **names, "links that bend": {"link": 8.0}}
+    for name, lanes in itertools.product(kinds, (4_096, 65_536, 1_048_576)):
+        env = TwoLinkArmVectorEnv(lanes, device="cuda", **kinds[name])
+        env.reset(seed=0)
+        actions = torch.empty(lanes, 2, dtype=torch.float64, device="cuda")
+        env.step(actions.uniform_(-1, 1))
+        graph = torch.cuda.CUDAGraph()
+        with torch.cuda.graph(graph):
+            env.step(actions.uniform_(-1, 1))
+
+        def step(graph: Any = graph, lanes: int = lanes) -> int:
+            for _ in range(20):
+                graph.replay()
+            torch.cuda.synchronize()
+            return 20 * lanes
+
+        yield name, lanes, float(measure_rates({name: step}, rounds)[name].max())
+        env.check()
 
 
 def compare(rows: list[dict[str, Any]], baseline: list[dict[str, Any]]) -> dict[str, float]:

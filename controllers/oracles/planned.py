@@ -149,7 +149,7 @@ class OraclePlanned(OracleElastic):
         twin = TwoLinkArmVectorEnv(lanes, scenario, action=self.interface.action, preview=steps)
         twin._batch.take_seeds(self.env._batch)
         observation = np.empty((lanes, twin.layout.size))
-        twin._batch.reset(np.arange(lanes), observation.reshape(-1))
+        twin._batch.reset(np.arange(lanes), observation)
         return observation[:, twin.layout.reference].reshape(lanes, -1, 6)
 
     def plan(self, arm: TrueArm, lanes: NDArray[np.int64], now: NDArray[np.int64], motion: Array) -> None:

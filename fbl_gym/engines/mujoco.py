@@ -79,14 +79,14 @@ class MuJoCoBatch(ArmBatch):
         return True
 
     def reset(self, lanes: NDArray[np.int64], out: Array) -> None:
-        """Start an episode in some lanes; write all observations to `out` [lanes * size]."""
+        """Start an episode in some lanes; write all observations to `out` [lanes x size]."""
         self._blocks["status"][lanes // LANES, lanes % LANES] = RESTART
         self._observe(out)
 
     def step(self, actions: Array, out: Array) -> int:
         """Advance every lane by one control step; see `ArmBatch.step`."""
         memory, blocks, lanes = self._memory, self._blocks, self._lanes
-        memory[self._actions] = actions
+        memory[self._actions] = actions.reshape(-1)
         substeps, steps = self._scenario.substeps, _plant(self._scenario).substeps
         if self._unchanging:
             substeps, steps = 1, substeps * steps

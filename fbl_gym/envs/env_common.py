@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from fbl_gym.interface import Interface, Layout
 from fbl_gym.kernel.batch import ArmBatch
+from fbl_gym.kernel.cuda import CudaBatch
 from fbl_gym.kernel.memory.program import Program, make_program
 from fbl_gym.kernel.step.pool import threads_for
 from fbl_gym.model.arm import Array
@@ -33,6 +34,7 @@ class TaskProperties:
 
     interface: Interface
     metadata: dict[str, Any]
+    device = "cpu"
     _spec: EnvSpec | None = None
 
     def _prepare(
@@ -43,6 +45,7 @@ class TaskProperties:
         reward: Any,
         lanes: int = 1,
         threads: int | None = 1,
+        device: str = "cpu",
         info: bool,
         render_mode: str | None,
         render_size: int,
@@ -65,7 +68,8 @@ class TaskProperties:
         self.metadata = {**self.metadata, "render_fps": max(1, round(1.0 / self._scenario.control_dt))}
         self.interface, self._size = program.interface, program.interface.layout.size
         self._steps = int(program.settings["last_step"])
-        self._batch = make_batch(self._scenario, program, lanes, threads)
+        self.device = check_choice("device", device, ("cpu", "cuda"))
+        self._batch: Any = make_batch(self._scenario, program, lanes, threads, device)
         self._begun = False
         self._views: list[Any] = []  # of `render.View`
         self._constrained = self._scenario.constraints is not None
@@ -195,10 +199,19 @@ def configure(scenario: Any, options: dict[str, Any], **task: Any) -> tuple[Scen
         return built, make_program(built, **task)
 
 
-def make_batch(scenario: Scenario, program: Program, lanes: int, threads: int | None) -> ArmBatch:
-    """Return a batch of arms on the scenario's plant."""
+def make_batch(scenario: Scenario, program: Program, lanes: int, threads: int | None, device: str) -> ArmBatch:
+    """Return a batch of arms on the scenario's plant and a device."""
     if threads is not None:
         check_whole("threads", threads, low=1, high=1024)
+    if device == "cuda":
+        if scenario.plant is not None:
+            raise ValueError("device must be 'cpu' with plant='mujoco', which no GPU computes, got 'cuda'")
+        if threads is not None:
+            raise ValueError(f"threads must be None with device='cuda', where each lane is a thread, got {threads}")
+        try:
+            return CudaBatch(program, lanes)
+        except (ImportError, RuntimeError) as problem:
+            raise error.DependencyNotInstalled(str(problem)) from problem
     if scenario.plant is None:
         return ArmBatch(program, lanes, threads_for(lanes, threads))
     if threads not in (None, 1):

@@ -31,6 +31,9 @@ class ErrorScales:
       acceleration: six entries);
     * previous actions as a share of their bound, the last first.
 
+    Attributes:
+        columns: see `kernel.api.subtract_and_scale`, [size x 4].
+
     Args:
         interface: of the environment.
         slots: names of the slots that are used, where the observation has them. The reference
@@ -66,13 +69,13 @@ class ErrorScales:
             parts.append(columns("preview", now, scale=np.repeat(scales, 2)))
         if "previous_actions" in layout:
             parts.append(columns("previous_actions", scale=interface.action_limit))
-        self._columns = np.concatenate(parts)
-        self.size = len(self._columns)
+        self.columns = np.concatenate(parts)
+        self.size = len(self.columns)
 
     def __call__(self, observations: Array, dtype: Any = np.float64) -> Array:
         """Return observations [... x layout.size] in error coordinates, [... x size]."""
         out = np.empty((*observations.shape[:-1], self.size), dtype)
-        subtract_and_scale(observations.reshape(-1), self._columns, out.reshape(-1))
+        subtract_and_scale(observations.reshape(-1), self.columns.reshape(-1), out.reshape(-1))
         return out
 
     def single_precision(self, observations: Array, infos: dict[str, Any] | None = None) -> Any:

@@ -17,6 +17,9 @@ from fbl_gym.model.arm import Array
 class _InErrorCoordinates:
     """Base of environments, single or batched, that observe `ErrorScales`."""
 
+    device: str
+    _batch: Any
+
     def _scale(self, interface: Interface) -> spaces.Box:
         """Prepare the observations, and return the box of one."""
         self._errors = ErrorScales(interface)
@@ -25,12 +28,20 @@ class _InErrorCoordinates:
     def reset(self, *, seed: Any = None, options: dict[str, Any] | None = None) -> tuple[Any, dict[str, Any]]:
         """Start episodes; return observations [size], of a batch [num_envs x size], and infos."""
         observations, infos = super().reset(seed=seed, options=options)  # type: ignore[misc]
-        return self._errors.single_precision(observations), infos
+        return self._scaled(observations, {}), infos
 
     def step(self, action: Array) -> tuple[Any, Any, Any, Any, dict[str, Any]]:
         """Hold an action [2], of a batch [num_envs x 2], for `control_dt`; see `reset`."""
         observations, rewards, terminated, truncated, infos = super().step(action)  # type: ignore[misc]
-        return self._errors.single_precision(observations, infos), rewards, terminated, truncated, infos
+        return self._scaled(observations, infos), rewards, terminated, truncated, infos
+
+    def _scaled(self, observations: Any, infos: dict[str, Any]) -> Any:
+        """Return observations in error coordinates, and change `final_obs` to them."""
+        if self.device == "cpu":
+            return self._errors.single_precision(observations, infos)
+        if "final_obs" in infos:
+            infos["final_obs"] = self._batch.scaled(infos["final_obs"], self._errors.columns)
+        return self._batch.scaled(observations, self._errors.columns)
 
 
 class TwoLinkArmTrackingEnv(_InErrorCoordinates, TwoLinkArmEnv):

@@ -44,6 +44,11 @@ class TwoLinkArmVectorEnv(TaskProperties, VectorEnv[Array, Array, Array]):
             cores that the process may use from 1,024 lanes on (`OMP_NUM_THREADS`, affinity and a
             container's quota limit them), else one. A thread takes at least 64 lanes. Windows has
             one.
+        device: "cpu", or "cuda" for an NVIDIA GPU (extra `cuda`), with the same bits. Observations,
+            rewards and flags are then torch tensors on the GPU, or, if torch has no CUDA, arrays
+            with `__dlpack__`. Actions are one of these, or a NumPy array. `step` does not wait for
+            the GPU; `check` raises its errors. `reset` and `truth` copy the whole batch. So does
+            each step with `info` or `constraints`, whose infos are NumPy arrays.
         render_mode: "rgb_array" or None.
         render_size: width and height of each lane's frame [pixels].
     """
@@ -63,6 +68,7 @@ class TwoLinkArmVectorEnv(TaskProperties, VectorEnv[Array, Array, Array]):
         autoreset_mode: AutoresetMode | str = AutoresetMode.NEXT_STEP,
         max_episode_steps: int | None = None,
         threads: int | None = None,
+        device: str = "cpu",
         render_mode: str | None = None,
         render_size: int = 480,
         **options: Any,
@@ -73,7 +79,7 @@ class TwoLinkArmVectorEnv(TaskProperties, VectorEnv[Array, Array, Array]):
             check_whole("max_episode_steps", max_episode_steps, low=1)
         self._prepare(
             scenario, options, reward=reward, action=action, preview=preview, past_actions=past_actions, info=info,
-            lanes=self.num_envs, threads=threads, max_episode_steps=max_episode_steps,
+            lanes=self.num_envs, threads=threads, device=device, max_episode_steps=max_episode_steps,
             autoreset=_AUTORESET.index(self.autoreset_mode), render_mode=render_mode, render_size=render_size,
         )  # fmt: skip
         self.metadata = {**self.metadata, "autoreset_mode": self.autoreset_mode}
@@ -92,8 +98,9 @@ class TwoLinkArmVectorEnv(TaskProperties, VectorEnv[Array, Array, Array]):
                 next episode of that lane's last seed. None: the same for every lane. The first
                 `reset` without a seed draws them from the operating system's entropy.
             options: {"reset_mask": mask} resets the lanes where the boolean mask [num_envs] is
-                True. "position", "velocity" and "reference" are those of `TwoLinkArmEnv.reset`,
-                the same for all lanes or [num_envs x ...].
+                True; with `device="cuda"` it may be a tensor. "position", "velocity" and
+                "reference" are those of `TwoLinkArmEnv.reset`, the same for all lanes or
+                [num_envs x ...].
 
         Returns:
             Observations [num_envs x size], unchanged for lanes that were not reset, and an empty
@@ -115,11 +122,11 @@ class TwoLinkArmVectorEnv(TaskProperties, VectorEnv[Array, Array, Array]):
         if self._begun:
             self._batch.next_episode(chosen[~fresh])
         self._begun = True
-        observations = np.empty((self.num_envs, self._size))
-        self._batch.reset(chosen, observations.reshape(-1))
+        observations = self._batch.observations()
+        self._batch.reset(chosen, observations)
         return observations, {}
 
-    def step(self, actions: Array) -> tuple[Array, Array, Any, Any, dict[str, Any]]:
+    def step(self, actions: Any) -> tuple[Any, Any, Any, Any, dict[str, Any]]:
         """Hold each lane's action for `control_dt`.
 
         Args:
@@ -130,28 +137,45 @@ class TwoLinkArmVectorEnv(TaskProperties, VectorEnv[Array, Array, Array]):
             In SAME_STEP mode, infos has `final_obs` and `final_info` of the lanes that ended, with
             their masks `_final_obs` and `_final_info`. With `info=True` or `constraints`, it has
             the arrays of `TwoLinkArmEnv`, with masks that are False in lanes that this step reset;
-            the cost of their last step is in `final_info`.
+            the cost of their last step is in `final_info`. On a GPU, `final_obs` is one array
+            [num_envs x size], of which the rows of lanes that ended count; torch has their mask.
 
         Raises:
             ValueError: if the actions have another shape or one is not finite. No lane has moved.
+                On a GPU, the others have moved: see `check`.
             gymnasium.error.ResetNeeded: before the first `reset`, and in DISABLED mode if a lane
                 that ended was not reset.
         """
-        array = as_actions(actions, (self.num_envs, 2))
+        if self.device == "cpu":
+            actions = as_actions(actions, (self.num_envs, 2))
         if not self._begun:
             raise error.ResetNeeded("call reset() before the first step()")
         batch = self._batch
-        observations = np.empty((self.num_envs, self._size))
-        refused = batch.step(array.reshape(-1), observations.reshape(-1))
-        if refused >= 0:
-            lane = refused // 2
-            if refused % 2 == 0:
-                raise ValueError(f"actions must be finite, got {array[lane]} in lane {lane}")
-            raise error.ResetNeeded(
-                f"the episode of lane {lane} has ended: call reset(options={{'reset_mask': ...}}) before step()"
-            )
+        observations = batch.observations()
+        self._refuse(batch.step(actions, observations), actions)
         rewards, terminated, truncated = batch.outcomes
         return observations, rewards, terminated, truncated, self._infos(terminated, truncated)
+
+    def check(self) -> None:
+        """Wait for the GPU, and raise the error of a lane that did not move since the last check.
+
+        Such a lane has an action that is not finite, or needs a reset; its reward is NaN. On the
+        CPU, `step` has raised it.
+        """
+        if self.device == "cuda":
+            self._refuse(self._batch.refused())
+
+    def _refuse(self, refused: int, actions: Any = None) -> None:
+        """Raise the error of a result of `api.check`, if it is one."""
+        if refused < 0:
+            return
+        lane = refused // 2
+        if refused % 2 == 0:
+            got = "" if actions is None else f", got {actions[lane]}"
+            raise ValueError(f"actions must be finite{got} in lane {lane}")
+        raise error.ResetNeeded(
+            f"the episode of lane {lane} has ended: call reset(options={{'reset_mask': ...}}) before step()"
+        )
 
     def _infos(self, terminated: Flags, truncated: Flags) -> dict[str, Any]:
         infos: dict[str, Any] = {}
@@ -159,15 +183,26 @@ class TwoLinkArmVectorEnv(TaskProperties, VectorEnv[Array, Array, Array]):
             runs, measures = self._batch.field("step") > 0, self._measures()
             for name, values in measures.items():
                 infos |= {name: np.where(runs if values.ndim == 1 else runs[:, None], values, 0.0), f"_{name}": runs}
-        done = terminated | truncated
-        if self.autoreset_mode != AutoresetMode.SAME_STEP or not done.any():
+        if self.autoreset_mode != AutoresetMode.SAME_STEP:
             return infos
-        final = np.full(self.num_envs, None, dtype=object)
-        lasts = self._batch.final_observations
-        for lane in np.flatnonzero(done):
-            final[lane] = lasts[lane].copy()
+        if self.device == "cuda":  # nothing here waits for the GPU, but for costs
+            infos["final_obs"] = self._batch.final_observations
+            if hasattr(terminated, "__or__"):
+                infos["_final_obs"] = terminated | truncated
+            if not self._constrained:
+                return infos
+            terminated, truncated = (self._batch.field(name) != 0.0 for name in ("terminated", "truncated"))
+        done = terminated | truncated
+        if not done.any():
+            return infos
         costs = {"cost": np.where(done, measures["cost"], 0.0), "_cost": done.copy()} if self._constrained else {}
-        return infos | {"final_obs": final, "_final_obs": done, "final_info": costs, "_final_info": done.copy()}
+        infos |= {"final_info": costs, "_final_info": done.copy()}
+        if self.device == "cpu":
+            final, lasts = np.full(self.num_envs, None, dtype=object), self._batch.final_observations
+            for lane in np.flatnonzero(done):
+                final[lane] = lasts[lane].copy()
+            infos |= {"final_obs": final, "_final_obs": done}
+        return infos
 
     @property
     def truth(self) -> Truth:
@@ -196,6 +231,8 @@ class TwoLinkArmVectorEnv(TaskProperties, VectorEnv[Array, Array, Array]):
     def _as_mask(self, mask: Any) -> Flags:
         if mask is None:
             return np.ones(self.num_envs, dtype=bool)
+        if self.device == "cuda" and hasattr(mask, "cpu"):
+            mask = mask.cpu().numpy()
         if not (isinstance(mask, np.ndarray) and mask.dtype == bool and mask.shape == (self.num_envs,)):
             raise ValueError(f"reset_mask must be a boolean array of shape ({self.num_envs},), got {mask!r}")
         if not mask.any():

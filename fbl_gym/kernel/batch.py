@@ -160,7 +160,7 @@ class ArmBatch:
         self._parts = {name: slice(end - size, end) for (name, size), end in zip(sizes.items(), ends, strict=True)}
         self._actions = self._parts["actions"]
         self._first_action = self._actions.start
-        self.lanes, self.threads = lanes, threads
+        self.lanes, self.threads, self._size = lanes, threads, size
         self._class = api.step_number(settings)
         self._memory = _aligned(ends[-1])
         self._memory[self._parts["tables"]] = program.tables
@@ -169,9 +169,12 @@ class ArmBatch:
         for name in ("actions", "rewards", "flags", "final_observations", "blocks"):
             self.settings[name] = self._parts[name].start
         self._blocks["given_position"] = self._blocks["given_velocity"] = np.nan
-        # The last block's spare lanes get an episode too, which keeps their numbers finite.
+        self._start()
+
+    def _start(self) -> None:
+        """Give the last block's spare lanes an episode, which keeps their numbers finite."""
         self._blocks["status"] = RESTART
-        self.sense(np.empty(lanes * size))
+        self.sense(self.observations())
         # Before its first step, a lane must be reset.
         self._blocks["status"] = ENDED
 
@@ -208,8 +211,13 @@ class ArmBatch:
 
     def take_seeds(self, other: ArmBatch) -> None:
         """Take the seeds and episodes of a batch of as many lanes."""
+        lanes = np.arange(self.lanes)
         for name in ("seed", "episode"):
-            self._blocks[name] = other._blocks[name]
+            self._blocks[name][lanes // LANES, lanes % LANES] = other.field(name)
+
+    def observations(self) -> Array:
+        """Return an array for observations, [lanes x size]."""
+        return np.empty((self.lanes, self._size))
 
     def field(self, name: str) -> Array:
         """Return a field of the blocks now, [lanes] or [lanes x ...]."""
@@ -254,13 +262,13 @@ class ArmBatch:
         return int(self.settings["reference_points"])
 
     def reset(self, lanes: NDArray[np.int64], out: Array) -> None:
-        """Start an episode in some lanes; write all observations to `out` [lanes * size]."""
+        """Start an episode in some lanes; write all observations to `out` [lanes x size]."""
         self._blocks["status"][lanes // LANES, lanes % LANES] = RESTART
         self.sense(out)
 
     def sense(self, out: Array) -> None:
-        """Take readings without motion; write all observations to `out` [lanes * size]."""
-        POOL.step(self._class, self._memory, out, False, self.threads)
+        """Take readings without motion; write all observations to `out` [lanes x size]."""
+        POOL.step(self._class, self._memory, out.reshape(-1), False, self.threads)
 
     def index(self, *names: str) -> NDArray[np.int64]:
         """Return the places of fields of the first lane, for `read` and `write`."""
@@ -284,14 +292,14 @@ class ArmBatch:
         """Advance every lane by one control step, unless an action or a lane is refused.
 
         Args:
-            actions: [2 * lanes].
-            out: takes the observations [lanes * size].
+            actions: [lanes x 2].
+            out: takes the observations [lanes x size].
 
         Returns:
             The result of `api.check`.
         """
-        self._memory[self._actions] = actions
-        return POOL.step(self._class, self._memory, out, True, self.threads)
+        self._memory[self._actions] = actions.reshape(-1)
+        return POOL.step(self._class, self._memory, out.reshape(-1), True, self.threads)
 
     def step_one(self, action1: float, action2: float, out: Array) -> tuple[int, float, bool, bool]:
         """Advance a batch of one lane, as `step` does, faster.

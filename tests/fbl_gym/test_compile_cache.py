@@ -140,10 +140,10 @@ def test_a_change_of_any_source_changes_the_key(tmp_path):
         file.write_bytes(file.read_bytes() + b"#")
         digests.add(fastmath.digest(copy))
     assert len(digests) == 1 + len(sources)
-    assert fastmath.digest(package) == fastmath._DIGEST
+    assert fastmath.digest(package) == fastmath.DIGEST
     keys = {step._cache._index_key(None, step.targetctx.codegen()) for step in api.STEPS}
     assert len({step._cache._impl.filename_base for step in api.STEPS}) == len(api.STEPS)
-    assert {key[-1] for key in keys} == {fastmath._DIGEST}
+    assert {key[-1] for key in keys} == {fastmath.DIGEST}
 
 
 @pytest.mark.parametrize(

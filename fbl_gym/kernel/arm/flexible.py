@@ -8,11 +8,9 @@ joints, b of the hinges, and x of joints and motors together. Velocities are v, 
 
 from collections import namedtuple
 
-import numpy as np
-
 from fbl_gym.kernel.arm import elastic
 from fbl_gym.kernel.arm.physics import FREE, friction_of, hold, make_runge_kutta, moved, rub, solve_terms, weighted
-from fbl_gym.kernel.maths.fastmath import inline_njit, kernel_njit, sincos
+from fbl_gym.kernel.maths.fastmath import inline_njit, kernel_njit, larger, sincos, smaller, sqrt
 from fbl_gym.kernel.memory.layout import EXACT_FRICTION
 from fbl_gym.kernel.memory.views import pair, put
 from fbl_gym.model import chain
@@ -203,14 +201,14 @@ def _balance(links, q, v):
         )
         a11, a21, a12, a22 = (r1 - x1) / h, (r2 - x2) / h, (r1 - y1) / h, (r2 - y2) / h
         apart, across = 0.5 * (a11 - a22), 0.5 * (a12 + a21)
-        lift = max(2.0 * np.sqrt(apart * apart + across * across) - a11 - a22, 0.0)
+        lift = larger(2.0 * sqrt(apart * apart + across * across) - a11 - a22, 0.0)
         a11, a22 = a11 + lift, a22 + lift
         scale = 1.0 / (a11 * a22 - a12 * a21)
         step1, step2 = (a22 * r1 - a12 * r2) * scale, (a11 * r2 - a21 * r1) * scale
-        length = max(abs(step1), abs(step2))
+        length = larger(abs(step1), abs(step2))
         if lift > 0.0 and length < 1e-3:  # an upright arm would stay on its buckling links
             step1, step2, length = 1e-3, 1e-3, 1e-3
-        share = min(1.0, 0.3 / length)
+        share = smaller(1.0, 0.3 / length)
         b1, b2 = b1 + share * step1, b2 + share * step2
         if length < 1e-10:
             return (b1, b2), True

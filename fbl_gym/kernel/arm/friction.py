@@ -9,7 +9,7 @@ f_i2 + f_s. The exact rule keeps the printed curve while a joint moves. At rest,
 value up to breakaway (the set-valued law; Glocker, "Set-Valued Force Laws", 2001).
 """
 
-from fbl_gym.kernel.maths.fastmath import exp, inline_njit
+from fbl_gym.kernel.maths.fastmath import exp, inline_njit, larger, smaller
 
 
 @inline_njit
@@ -27,7 +27,7 @@ def sign(v):
 @inline_njit
 def shrink(x, bound):
     """Return x moved towards zero by `bound`, and exactly zero within it."""
-    return max(x - bound, 0.0) + min(x + bound, 0.0)
+    return larger(x - bound, 0.0) + smaller(x + bound, 0.0)
 
 
 @inline_njit
@@ -53,8 +53,8 @@ def resist(m11, m12, m22, g1, g2, b1, b2):
     # Both slide, with their frictions against these directions.
     h1, h2 = g1 - way1 * b1, g2 - way2 * b2
     scale = 1.0 / (m11 * m22 - m12 * m12)
-    w1 = way1 * max(way1 * (m22 * h1 - m12 * h2) * scale, 0.0)
-    w2 = way2 * max(way2 * (m11 * h2 - m12 * h1) * scale, 0.0)
+    w1 = way1 * larger(way1 * (m22 * h1 - m12 * h2) * scale, 0.0)
+    w2 = way2 * larger(way2 * (m11 * h2 - m12 * h1) * scale, 0.0)
     # One rests, and the other moves as if alone; it also rests if its load is within its bound.
     w1 = 0.0 if rests1 else (alone1 if rests2 else w1)
     w2 = 0.0 if rests2 else (alone2 if rests1 else w2)

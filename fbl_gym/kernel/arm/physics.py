@@ -1,9 +1,7 @@
 """The arm's motion over one physics step: friction by its law, the rest by Runge and Kutta."""
 
-import numpy as np
-
 from fbl_gym.kernel.arm.friction import dry_friction, resist, sign
-from fbl_gym.kernel.maths.fastmath import inline_njit, kernel_njit, named, sincos
+from fbl_gym.kernel.maths.fastmath import inline_njit, kernel_njit, named, sincos, sqrt
 from fbl_gym.kernel.memory.layout import EXACT_FRICTION, LITERAL_FRICTION, NO_FRICTION
 from fbl_gym.kernel.memory.views import pair, put
 from fbl_gym.model import arm, chain
@@ -236,7 +234,7 @@ def lump(block, settings, lane):
     # The part of the option `payload` has an offset and a radius; what events add is at the tip.
     own = block.held_payload[lane] / payload if payload > 0.0 else 0.0
     offset, radius = block.payload_offset[lane], block.payload_radius[lane]
-    reach, radius = length2 + own * offset, np.sqrt(own * (radius * radius + (1.0 - own) * offset * offset))
+    reach, radius = length2 + own * offset, sqrt(own * (radius * radius + (1.0 - own) * offset * offset))
     block.lumped[0, lane] = p1 + payload * length1 * length1
     block.lumped[1, lane] = p2 + payload * (reach * reach + radius * radius)
     block.lumped[2, lane] = p3 + payload * length1 * reach

@@ -60,7 +60,7 @@ def digest(package: Path) -> str:
     return hashlib.sha256(b"".join(path.read_bytes() for path in files)).hexdigest()
 
 
-_DIGEST = digest(Path(__file__).parents[2])
+DIGEST = digest(Path(__file__).parents[2])
 
 
 WHILE = 300.0
@@ -90,7 +90,7 @@ class _Cache(caching.FunctionCache):
         Numba's own key hashes what a closure refers to. A compiled function among it has another
         hash in each process.
         """
-        return sig, codegen.magic_tuple(), _DIGEST
+        return sig, codegen.magic_tuple(), DIGEST
 
     def load_overload(self, sig: Any, target_context: Any) -> Any:
         """Return what is kept of a function; None, and say so, if it must be compiled."""
@@ -139,6 +139,34 @@ def fma(_context, _a, _b, _c):
     return types.float64(types.float64, types.float64, types.float64), emit
 
 
+def _rounded(name: str) -> Any:
+    """Return LLVM's exactly rounded function of one number, which NumPy's is on a CPU too."""
+
+    @intrinsic
+    def function(_context, _x):
+        def emit(_context, builder, _signature, arguments):
+            return builder.call(builder.module.declare_intrinsic(f"llvm.{name}", [arguments[0].type]), arguments)
+
+        return types.float64(types.float64), emit
+
+    return function
+
+
+sqrt, floor, ceil = map(_rounded, ("sqrt", "floor", "ceil"))
+
+
+@inline_njit
+def larger(a, b):
+    """Return b if it is larger than a, else a, also for NaN; `max` is not the same on a GPU."""
+    return b if b > a else a
+
+
+@inline_njit
+def smaller(a, b):
+    """Return b if it is smaller than a, else a, as `larger` does."""
+    return b if b < a else a
+
+
 # Adding and subtracting 1.5 * 2**52 rounds a double to the nearest integer. The sum's low bits hold
 # that integer.
 _ROUND = 6755399441055744.0
@@ -159,6 +187,12 @@ _E2, _E3, _E4, _E5, _E6, _E7 = 1 / 2, 1 / 6, 1 / 24, 1 / 120, 1 / 720, 1 / 5040
 _E8, _E9, _E10, _E11, _E12, _E13 = 1 / 40320, 1 / 362880, 1 / 3628800, 1 / 39916800, 1 / 479001600, 1 / 6227020800
 
 _SQRT_HALF_BITS = np.int64(0x3FE6A09E667F3BCD)  # sqrt(1/2) as a double
+
+
+@inline_njit
+def rint(x):
+    """Return x rounded to the nearest integer, of two the even one, for |x| < 2**51."""
+    return (x + _ROUND) - _ROUND
 
 
 @inline_njit

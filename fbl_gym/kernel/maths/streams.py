@@ -13,7 +13,7 @@ import hashlib
 
 import numpy as np
 
-from fbl_gym.kernel.maths.fastmath import inline_njit, kernel_njit, log, sincos
+from fbl_gym.kernel.maths.fastmath import inline_njit, kernel_njit, log, sincos, sqrt
 
 _MULTIPLIER_0 = np.uint64(0xD2E7470EE14C6C93)
 _MULTIPLIER_1 = np.uint64(0xCA5A826395121157)
@@ -73,6 +73,6 @@ def uniforms(seed, stream, episode, step, slot):
 def normals(seed, stream, episode, step, slot):
     """Return two independent standard normal numbers (Box and Muller 1958)."""
     a, b, _, _ = philox(seed, stream, step, slot, episode)
-    radius = np.sqrt(-2.0 * log(1.0 - _unit(a)))
+    radius = sqrt(-2.0 * log(1.0 - _unit(a)))
     sine, cosine = sincos(TWO_PI * _unit(b))
     return radius * cosine, radius * sine

@@ -25,6 +25,7 @@ The settings: those that the options declare, then those of program, environment
         actions and preview; the row of a block that each of them shows, and its bound.
     preview: reference samples ahead.
     lanes, block_size: their number; numbers in a block.
+    refused: on a GPU, a lane that did not move, see `api.step_lane`; else 0.
     actions, rewards, flags, final_observations, blocks: index of each part's first number in the
         memory. Actions are [lanes x 2]; flags are bytes, terminated [lanes] and truncated [lanes];
         final observations are [lanes x size] with SAME_STEP, else empty.
@@ -124,7 +125,7 @@ VARIED = np.dtype([*_DRAWN.items()])
 _COUNTS = (
     "draws", "draw_table", "events", "event_table", "queue_row", "waypoint_row", "past_row", "history_row", "event_row",
     "last_step", "action_kind", "observation_size", "observed", "preview", "autoreset",
-    "lanes", "block_size", "actions", "rewards", "flags", "final_observations", "blocks",
+    "lanes", "block_size", "refused", "actions", "rewards", "flags", "final_observations", "blocks",
 )  # fmt: skip
 _FIXED |= {"varied": (float, VARIED.itemsize // 8), "action_limit": (float, 2), **dict.fromkeys(_COUNTS, int)}
 _FIXED |= {"observed_row": (int, COLUMNS), "observed_bound": (float, COLUMNS)}

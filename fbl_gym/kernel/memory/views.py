@@ -44,6 +44,21 @@ def array_at(_context, memory, _index, shape, dtype):
     return array_type(memory, types.intp, shape, dtype), emit
 
 
+@intrinsic
+def numbers_at(_context, _address, _length, dtype):
+    """Return the array of a type at an address."""
+    array_type = types.Array(dtype.dtype, 1, "C")
+
+    def emit(context, builder, _signature, arguments):
+        view = context.make_array(array_type)(context, builder)
+        pointer = builder.inttoptr(arguments[0], view.data.type)
+        itemsize = context.get_abi_sizeof(view.data.type.pointee)
+        populate_array(view, pointer, [arguments[1]], [context.get_constant(types.intp, itemsize)], itemsize, None)
+        return view._getvalue()
+
+    return array_type(types.int64, types.int64, dtype), emit
+
+
 @inline_njit
 def pair_of(numbers):
     """Return both joints' numbers of a setting."""

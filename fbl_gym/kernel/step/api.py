@@ -5,7 +5,7 @@ import numpy as np
 from fbl_gym.kernel.arm.elastic import advance_elastic, elastic_acceleration_and_friction, start_motors
 from fbl_gym.kernel.arm.flexible import advance_flexible, flexible_acceleration_and_friction, start_bends
 from fbl_gym.kernel.arm.physics import acceleration_and_friction, advance_by_law, advance_smoothly
-from fbl_gym.kernel.maths.fastmath import cached_njit, inline_njit, kernel_njit, merged_njit, named
+from fbl_gym.kernel.maths.fastmath import cached_njit, inline_njit, kernel_njit, larger, merged_njit, named, smaller
 from fbl_gym.kernel.memory.layout import (
     BLOCK,
     ENDED,
@@ -34,9 +34,12 @@ def _count(settings, number):
 
 
 @merged_njit
-def _views(memory, settings, number):
-    """Return a block, the same memory as rows, its last torque commands, and its way-points."""
-    index = settings.blocks + number * settings.block_size
+def _views(memory, settings, first):
+    """Return a block, the same memory as rows, its last torque commands, and its way-points.
+
+    All are shifted so that lane 0 is the lane `first` of the batch.
+    """
+    index = settings.blocks + first // LANES * settings.block_size + first % LANES
     rows = array_at(memory, index, (settings.block_size // LANES, LANES), np.float64)
     queue = array_at(memory, index + LANES * settings.queue_row, (settings.delay_steps + 1, 3, LANES), np.float64)
     waypoints = array_at(memory, index + LANES * settings.waypoint_row, (settings.waypoints, 2, LANES), np.float64)
@@ -50,9 +53,23 @@ def _tables(memory, settings):
 
 
 @merged_njit
-def _actions(memory, settings, number, count):
-    """Return the actions of a block."""
-    return array_at(memory, settings.actions + 2 * LANES * number, (count, 2), np.float64)
+def _actions(memory, settings, first, count):
+    """Return the actions of lanes."""
+    return array_at(memory, settings.actions + 2 * first, (count, 2), np.float64)
+
+
+@inline_njit
+def _finite(memory, settings, lane):
+    """Return True if a lane's action is finite."""
+    action1, action2 = memory[settings.actions + 2 * lane], memory[settings.actions + 2 * lane + 1]
+    return (action1 - action1 == 0.0) & (action2 - action2 == 0.0)
+
+
+@inline_njit
+def _over(memory, settings, lane):
+    """Return True if a lane's episode is over and does not start again by itself."""
+    block = record_at(memory, settings.blocks + lane // LANES * settings.block_size, BLOCK)
+    return settings.autoreset != NEXT_STEP and block.status[lane % LANES] != RUNNING
 
 
 @kernel_njit
@@ -64,13 +81,11 @@ def check(memory):
     """
     settings = record_at(memory, 0, SETTINGS)
     for lane in range(settings.lanes):
-        index = settings.actions + 2 * lane
-        if not (np.isfinite(memory[index]) and np.isfinite(memory[index + 1])):
+        if not _finite(memory, settings, lane):
             return 2 * lane
     if settings.autoreset != NEXT_STEP:
         for lane in range(settings.lanes):
-            block = record_at(memory, settings.blocks + lane // LANES * settings.block_size, BLOCK)
-            if block.status[lane % LANES] != RUNNING:
+            if _over(memory, settings, lane):
                 return 2 * lane + 1
     return -1
 
@@ -140,6 +155,38 @@ def _compile_step(real, rare, advance, accelerate):
     is compiled when it is first called.
     """
 
+    def step_lanes(memory, out, settings, moves, first, count, width):
+        """Step `count` lanes from the lane `first` on, of which `width` are computed."""
+        size, tables = settings.observation_size, _tables(memory, settings)
+        block, rows, queue, waypoints = _views(memory, settings, first)
+        if moves:
+            command(block, rows, queue, settings, _actions(memory, settings, first, count), count)
+            for substep in range(settings.substeps):
+                _load(block, rows, queue, settings, tables, width, substep, real, rare)
+                advance(block, settings, width)
+            _end(block, rows, waypoints, settings, tables, width, real, rare, accelerate)
+            _report(block, rows, waypoints, settings, tables, memory, first, count)
+        restarts = 0
+        for lane in range(width):
+            restarts += block.status[lane] == RESTART
+        if restarts > 0:
+            for lane in range(width):
+                if block.status[lane] == RESTART:
+                    start(block, rows, queue, waypoints, settings, tables, lane)
+                    if real:
+                        start_disturbance(block, settings, tables, lane)
+                    if rare and settings.elastic:
+                        start_motors(block, settings, lane)
+                    if rare and settings.flexible:
+                        start_bends(block, settings, lane)
+        if restarts > 0 or not moves:
+            readings.sense(block, rows, settings, width, real, rare, accelerate)
+        observations = array_at(out, first * size, (count, size), np.float64)
+        readings.observe(block, rows, waypoints, settings, tables, observations, _ZERO, count)
+
+    name = real, rare, advance.__name__
+    step_lanes = merged_njit(named(step_lanes, *name))
+
     def step(memory, out, moves, begin, end):
         """Advance every lane by one control step; start an episode in lanes marked RESTART.
 
@@ -156,45 +203,36 @@ def _compile_step(real, rare, advance, accelerate):
             The result of `check`; then reward, terminated and truncated of the first lane.
         """
         settings = record_at(memory, 0, SETTINGS)
-        lanes, size, tables = settings.lanes, settings.observation_size, _tables(memory, settings)
+        lanes = settings.lanes
         if end == 0:
             end = (lanes + LANES - 1) // LANES
             problem = check(memory) if moves else -1
             if problem >= 0:
                 return problem, 0.0, False, False
         for number in range(begin, end):
-            block, rows, queue, waypoints = _views(memory, settings, number)
-            first, count = number * LANES, _count(settings, number)
+            count = _count(settings, number)
             # Few lanes pay for half a block, which is a vector too; one lane pays for itself.
             width = 1 if count == 1 else (LANES // 2 if count <= LANES // 2 else LANES)
-            if moves:
-                command(block, rows, queue, settings, _actions(memory, settings, number, count), count)
-                for substep in range(settings.substeps):
-                    _load(block, rows, queue, settings, tables, width, substep, real, rare)
-                    advance(block, settings, width)
-                _end(block, rows, waypoints, settings, tables, width, real, rare, accelerate)
-                _report(block, rows, waypoints, settings, tables, memory, first, count)
-            restarts = 0
-            for lane in range(width):
-                restarts += block.status[lane] == RESTART
-            if restarts > 0:
-                for lane in range(width):
-                    if block.status[lane] == RESTART:
-                        start(block, rows, queue, waypoints, settings, tables, lane)
-                        if real:
-                            start_disturbance(block, settings, tables, lane)
-                        if rare and settings.elastic:
-                            start_motors(block, settings, lane)
-                        if rare and settings.flexible:
-                            start_bends(block, settings, lane)
-            if restarts > 0 or not moves:
-                readings.sense(block, rows, settings, width, real, rare, accelerate)
-            observations = array_at(out, first * size, (count, size), np.float64)
-            readings.observe(block, rows, waypoints, settings, tables, observations, _ZERO, count)
+            step_lanes(memory, out, settings, moves, number * LANES, count, width)
         flags = array_at(memory, settings.flags, (2, lanes), np.uint8)
         return -1, memory[settings.rewards], flags[0, 0] != 0, flags[1, 0] != 0
 
-    return cached_njit(named(step, real, rare, advance.__name__))
+    def step_lane(memory, out, moves, lane):
+        """Do as `step` to one lane, which is a thread of a GPU.
+
+        A lane that `check` would refuse does not move: its reward is NaN, and `settings.refused` is
+        one more than the result of `check`, for one of such lanes.
+        """
+        settings = record_at(memory, 0, SETTINGS)
+        if moves:
+            infinite, over = not _finite(memory, settings, lane), _over(memory, settings, lane)
+            if infinite or over:
+                settings.refused = 2 * lane + (1 if infinite else 2)
+                memory[settings.rewards + lane] = np.nan
+                moves = False
+        step_lanes(memory, out, settings, moves, lane, 1, 1)
+
+    return cached_njit(named(step, *name)), named(step_lane, *name)
 
 
 @cached_njit
@@ -207,8 +245,8 @@ def inspect(memory, out):
     """
     settings = record_at(memory, 0, SETTINGS)
     for i in range(len(out)):
-        block, _, _, _ = _views(memory, settings, i // LANES)
-        lane, instant = i % LANES, out[i]
+        block, _, _, _ = _views(memory, settings, i)
+        lane, instant = _ZERO, out[i]
         if settings.flexible:
             a1, a2, friction1, friction2 = flexible_acceleration_and_friction(block, settings, lane)
         elif settings.elastic:
@@ -243,10 +281,10 @@ def load(memory, substep):
     settings = record_at(memory, 0, SETTINGS)
     tables = _tables(memory, settings)
     for number in range((settings.lanes + LANES - 1) // LANES):
-        block, rows, queue, _ = _views(memory, settings, number)
+        block, rows, queue, _ = _views(memory, settings, number * LANES)
         count = _count(settings, number)
         if substep == 0:
-            actions = _actions(memory, settings, number, count)
+            actions = _actions(memory, settings, number * LANES, count)
             command(block, rows, queue, settings, actions, count)
         _load(block, rows, queue, settings, tables, count, substep, True, True)
     return -1
@@ -258,10 +296,19 @@ def end(memory):
     settings = record_at(memory, 0, SETTINGS)
     tables = _tables(memory, settings)
     for number in range((settings.lanes + LANES - 1) // LANES):
-        block, rows, _, waypoints = _views(memory, settings, number)
+        block, rows, _, waypoints = _views(memory, settings, number * LANES)
         count = _count(settings, number)
         _end(block, rows, waypoints, settings, tables, count, True, True, readings.accelerate_by_law)
         _report(block, rows, waypoints, settings, tables, memory, number * LANES, count)
+
+
+@inline_njit
+def scale_lane(observations, columns, out, results, size, lane):
+    """Do as `subtract_and_scale` to one lane, with `size` numbers of an observation."""
+    for i in range(results):
+        less, value = int(columns[4 * i + 1]), observations[lane * size + int(columns[4 * i])]
+        value -= observations[lane * size + less] if less >= 0 else columns[4 * i + 2]
+        out[lane * results + i] = smaller(larger(value / columns[4 * i + 3], -10.0), 10.0)
 
 
 @cached_njit
@@ -271,28 +318,25 @@ def subtract_and_scale(observations, columns, out):
     Args:
         observations: [lanes * size].
         columns: of each result, the entry, the entry that is subtracted, or -1 for a number,
-            this number, and the scale, [results x 4].
+            this number, and the scale, [results * 4].
         out: takes them [lanes * results].
     """
-    lanes = len(out) // len(columns)
+    results = len(columns) // 4
+    lanes = len(out) // results
     for lane in range(lanes):
-        first = lane * (len(observations) // lanes)
-        for i in range(len(columns)):
-            less = int(columns[i, 1])
-            value = observations[first + int(columns[i, 0])]
-            value = (value - (observations[first + less] if less >= 0 else columns[i, 2])) / columns[i, 3]
-            out[lane * len(columns) + i] = min(max(value, -10.0), 10.0)
+        scale_lane(observations, columns, out, results, len(observations) // lanes, lane)
 
 
-STEPS = (
+STEPS, LANE_STEPS = zip(
     _compile_step(False, False, advance_smoothly, readings.accelerate_smoothly),
     _compile_step(True, False, advance_by_law, readings.accelerate_by_law),
     _compile_step(True, True, advance_by_law, readings.accelerate_by_law),
     _compile_step(True, True, advance_elastic, readings.accelerate_elastic),
     _compile_step(True, True, advance_flexible, readings.accelerate_flexible),
+    strict=True,
 )
 """The steps of plain scenarios, of real ones, of those with rare options, of elastic joints, and of
-links that bend."""
+links that bend; and the same for one lane, not compiled yet."""
 
 _NEEDS = (
     (2, ("external_physics",)),

@@ -3,7 +3,7 @@
 import numpy as np
 
 from fbl_gym.kernel.arm.physics import lump
-from fbl_gym.kernel.maths.fastmath import clip, exp, inline_njit, kernel_njit, log
+from fbl_gym.kernel.maths.fastmath import clip, exp, inline_njit, kernel_njit, larger, log, rint, smaller
 from fbl_gym.kernel.maths.streams import stream_key, uniforms
 from fbl_gym.kernel.memory.layout import (
     CHOICE,
@@ -86,10 +86,10 @@ def _draw(block, rows, settings, tables, lane, episode):
         rows[int(tables[index]), lane] = value
     for i in range(settings.events):
         row = settings.event_row + EVENT_ROWS * i
-        rows[row, lane] = np.rint(rows[row, lane])
-    block.payload_pick_up[lane] = np.rint(block.payload_pick_up[lane])
-    block.payload_drop[lane] = np.rint(block.payload_drop[lane])
-    block.delay[lane] = np.rint(block.delay[lane]) + settings.substeps * np.rint(block.delay_samples[lane])
+        rows[row, lane] = rint(rows[row, lane])
+    block.payload_pick_up[lane] = rint(block.payload_pick_up[lane])
+    block.payload_drop[lane] = rint(block.payload_drop[lane])
+    block.delay[lane] = rint(block.delay[lane]) + settings.substeps * rint(block.delay_samples[lane])
     lag = block.lag[lane]
     begin = 1.0 if lag > 0.0 else 0.0
     end = exp(-1.0 / lag) if lag > 0.0 else 0.0
@@ -156,7 +156,7 @@ def _tracking_loss(distance, form):
     logarithmic, scale, norm = form
     linear = scale * distance
     logarithm = norm * log(1.0 + linear)
-    return min(logarithm if logarithmic else linear, 1.0)
+    return smaller(logarithm if logarithmic else linear, 1.0)
 
 
 @kernel_njit
@@ -176,7 +176,7 @@ def judge(block, settings, width):
     for lane in range(width):
         q, v, (r1, r2) = pair(block.position, lane), pair(block.velocity, lane), pair(block.reference_position, lane)
         error1, error2 = abs(r1 - q[0]), abs(r2 - q[1])
-        block.far[lane] = block.far[lane] + 1.0 if max(error1, error2) > settings.max_error else 0.0
+        block.far[lane] = block.far[lane] + 1.0 if larger(error1, error2) > settings.max_error else 0.0
         keeps = _keeps(q, v, constraints)
         near = _is_near(q, v, pair(block.start_position, lane), limits)
         stays = near & (block.far[lane] < settings.error_steps) & (keeps | (not ends))
@@ -185,6 +185,6 @@ def judge(block, settings, width):
         chatter = 0.25 * block.chatter[lane]
         loss = weight1 * _tracking_loss(error1 + error2, form) + weight2 * effort + weight3 * chatter
         block.cost[lane] = 0.0 if keeps else 1.0
-        block.reward[lane] = max(1.0 - loss, 0.0) if stays else 0.0
+        block.reward[lane] = larger(1.0 - loss, 0.0) if stays else 0.0
         block.terminated[lane] = 0.0 if stays else 1.0
         block.truncated[lane] = 1.0 if block.step[lane] >= last else 0.0

@@ -5,7 +5,7 @@ import numpy as np
 from fbl_gym.kernel.arm.elastic import both
 from fbl_gym.kernel.arm.flexible import chain_momentum, chain_velocity
 from fbl_gym.kernel.arm.physics import inertia_terms, lump, rotor_of, solve_terms
-from fbl_gym.kernel.maths.fastmath import inline_njit, kernel_njit, sincos
+from fbl_gym.kernel.maths.fastmath import inline_njit, kernel_njit, larger, sincos
 from fbl_gym.kernel.memory.layout import DRIVE_CHANGE, DROP, EVENT_ROWS, FRICTION_CHANGE, KNOCK, PICK_UP
 from fbl_gym.kernel.memory.views import pair, put
 
@@ -74,7 +74,7 @@ def carry_payload(block, settings, width, substep):
                 held = block.payload_mass[lane]
                 change_payload(block, settings, lane, block.payload[lane] + held, held)
             if now == block.payload_drop[lane]:
-                change_payload(block, settings, lane, max(block.payload[lane] - block.held_payload[lane], 0.0), 0.0)
+                change_payload(block, settings, lane, larger(block.payload[lane] - block.held_payload[lane], 0.0), 0.0)
 
 
 @kernel_njit

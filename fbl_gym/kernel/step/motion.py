@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from fbl_gym.kernel.maths.fastmath import exp, inline_njit, kernel_njit, sincos
+from fbl_gym.kernel.maths.fastmath import exp, floor, inline_njit, kernel_njit, sincos, smaller
 from fbl_gym.kernel.maths.streams import TWO_PI, stream_key, uniforms
 from fbl_gym.kernel.memory.layout import FILTERED_STEPS, FOURIER, MINIMUM_JERK, ONE_SINE, SAMPLES, STEPS
 from fbl_gym.kernel.memory.views import pair, put
@@ -47,7 +47,7 @@ def reference(waypoints, settings, tables, lane, step):
 def _segment(settings, time):
     """Return the way-points i, j around a time, and the time since i."""
     points = settings.reference_points
-    i = int(min(np.floor(time / settings.point_time + 1e-9), max(points - 2, 0)))
+    i = int(smaller(floor(time / settings.point_time + 1e-9), max(points - 2, 0)))
     return i, min(i + 1, points - 1), time - i * settings.point_time
 
 
@@ -59,7 +59,7 @@ def _profile(settings, time):
     """
     i, j, tau = _segment(settings, time)
     move = settings.move_time
-    s = min(tau / move, 1.0)
+    s = smaller(tau / move, 1.0)
     share = s * s * s * (10.0 + s * (6.0 * s - 15.0))
     rate = 30.0 * s * s * (1.0 + s * (s - 2.0)) / move
     bend = 60.0 * s * (1.0 + s * (2.0 * s - 3.0)) / (move * move)

@@ -16,11 +16,10 @@ import llvmlite.binding as llvm
 import numpy as np
 from numba import types
 from numba.extending import intrinsic
-from numba.np.arrayobj import populate_array
 
 from fbl_gym.kernel.maths.fastmath import cached_njit, kernel_njit
 from fbl_gym.kernel.memory.layout import LANES, SETTINGS
-from fbl_gym.kernel.memory.views import record_at
+from fbl_gym.kernel.memory.views import numbers_at, record_at
 from fbl_gym.kernel.step.api import STEPS, check
 from fbl_gym.model.arm import Array
 
@@ -85,23 +84,11 @@ def _call(_context, _address, _memory, _out, _moves, _begin, _end):
     return types.void(types.int64, *_STEP.args), emit
 
 
-@intrinsic
-def _numbers(_context, _address, _length):
-    """Return the array at an address."""
-
-    def emit(context, builder, _signature, arguments):
-        view = context.make_array(_NUMBERS)(context, builder)
-        pointer = builder.inttoptr(arguments[0], view.data.type)
-        populate_array(view, pointer, [arguments[1]], [context.get_constant(types.intp, 8)], 8, None)
-        return view._getvalue()
-
-    return _NUMBERS(types.int64, types.int64), emit
-
-
 @kernel_njit
 def _take_part(job, lock):
     """Step blocks until all are taken; the lock is held before and after."""
-    memory, out = _numbers(job.memory[0], job.memory[1]), _numbers(job.out[0], job.out[1])
+    memory = numbers_at(job.memory[0], job.memory[1], np.float64)
+    out = numbers_at(job.out[0], job.out[1], np.float64)
     while job.next < job.blocks:
         begin, step, moves = job.next, job.step, job.moves
         end = min(begin + max(_LEAST_BLOCKS, (job.blocks - begin) // (4 * job.threads)), job.blocks)

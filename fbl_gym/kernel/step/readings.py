@@ -5,7 +5,7 @@ import numpy as np
 from fbl_gym.kernel.arm.elastic import elastic_acceleration_and_friction
 from fbl_gym.kernel.arm.flexible import flexible_acceleration_and_friction
 from fbl_gym.kernel.arm.physics import acceleration_and_friction
-from fbl_gym.kernel.maths.fastmath import clip, inline_njit, kernel_njit, merged_njit, named
+from fbl_gym.kernel.maths.fastmath import clip, floor, inline_njit, kernel_njit, merged_njit, named
 from fbl_gym.kernel.maths.streams import normals, stream_key, uniforms
 from fbl_gym.kernel.memory.layout import EXACT_FRICTION, LITERAL_FRICTION, NO_FRICTION
 from fbl_gym.kernel.memory.views import pair, put
@@ -110,7 +110,7 @@ def _disturb_reading(block, settings, width, sensor):
         quantum = settings.quantization[sensor, joint]
         if quantum > 0.0:
             for lane in range(width):
-                measured[joint, lane] = np.floor(measured[joint, lane] / quantum + 0.5) * quantum
+                measured[joint, lane] = floor(measured[joint, lane] / quantum + 0.5) * quantum
 
 
 @kernel_njit
@@ -191,7 +191,7 @@ def _past(block, settings, lane, joint, sensor, value, ago):
         value += block.noise_std[sensor, joint, lane] * draws[joint]
     value += block.noise_bias[sensor, joint, lane]
     quantum = settings.quantization[sensor, joint]
-    return np.floor(value / quantum + 0.5) * quantum if quantum > 0.0 else value
+    return floor(value / quantum + 0.5) * quantum if quantum > 0.0 else value
 
 
 @kernel_njit

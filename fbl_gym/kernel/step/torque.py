@@ -3,7 +3,7 @@
 import numpy as np
 
 from fbl_gym.kernel.arm.physics import load_on_joints, lumped_terms
-from fbl_gym.kernel.maths.fastmath import clip, inline_njit, kernel_njit, sincos
+from fbl_gym.kernel.maths.fastmath import ceil, clip, floor, inline_njit, kernel_njit, larger, rint, sincos, smaller
 from fbl_gym.kernel.maths.streams import TWO_PI, stream_key, uniforms
 from fbl_gym.kernel.memory.layout import (
     ACCELERATION,
@@ -39,7 +39,7 @@ def command(block, rows, queue, settings, actions, count):
     if settings.jittered:
         for lane in range(count):
             draw, _, _, _ = uniforms(block.seed[lane], _JITTER, block.episode[lane], block.step[lane], _ZERO)
-            block.late[lane] = queue[0, 2, lane] = np.rint(block.jitter[lane] * draw)
+            block.late[lane] = queue[0, 2, lane] = rint(block.jitter[lane] * draw)
 
 
 @inline_njit
@@ -86,9 +86,10 @@ def apply_torque(block, queue, settings, width, substep):
             block.tau[0, joint, lane] = queue[0, joint, lane]
     if settings.delay_steps > 0 and not settings.jittered:
         for lane in range(width):
-            block.age[lane] = np.ceil((block.delay[lane] - substep) / settings.substeps)
+            block.age[lane] = ceil((block.delay[lane] - substep) / settings.substeps)
     if settings.jittered:
-        block.age[:] = float(settings.delay_steps)  # the oldest one has always arrived
+        for lane in range(width):
+            block.age[lane] = float(settings.delay_steps)  # the oldest one has always arrived
         for age in range(settings.delay_steps - 1, -1, -1):
             # An older command that arrives later is without effect.
             since, this = float(age * settings.substeps + substep), float(age)
@@ -104,7 +105,7 @@ def apply_torque(block, queue, settings, width, substep):
         for lane in range(width):
             start, half, end = block.fade[0, lane], block.fade[1, lane], block.fade[2, lane]
             before, rate, gain = block.target[joint, lane], block.rate_limit[joint, lane], block.gain[joint, lane]
-            target = max(min(block.tau[0, joint, lane], before + rate), before - rate)
+            target = larger(smaller(block.tau[0, joint, lane], before + rate), before - rate)
             block.target[joint, lane] = target
             # A ramp over the whole step has the impulse of the limited rise at its start: a limit
             # that does not act gives a jump. A lag follows a ramp late by its time constant, once
@@ -149,7 +150,10 @@ def disturb(block, settings, tables, width, substep):
     tau = block.tau
     if settings.elastic:  # a disturbance loads the links, not the drives
         tau = block.load
-        tau[:] = 0.0
+        for time in range(3):
+            for joint in range(2):
+                for lane in range(width):
+                    tau[time, joint, lane] = 0.0
     if settings.disturbance_kind == SINE:
         for time in range(3):
             _subtract_sine(block, tau[time], settings, width, substep + 0.5 * time)
@@ -179,16 +183,16 @@ def _pick(block, settings, tables, lane, substep):
         return _sine(block, settings, lane, 0, substep), _sine(block, settings, lane, 1, substep)
     now = float(np.int64(block.step[lane])) * settings.substeps + substep
     if kind == PIECEWISE_CONSTANT:
-        level = np.uint64(np.floor(now / period))
+        level = np.uint64(floor(now / period))
         draw1, draw2, _, _ = uniforms(block.seed[lane], _STREAM, block.episode[lane], level, _ZERO)
         return (2.0 * draw1 - 1.0) * amplitude1, (2.0 * draw2 - 1.0) * amplitude2
     if kind == PULSES:
         since = now - settings.disturbance_start
-        phase = since - np.floor(since / period) * period
+        phase = since - floor(since / period) * period
         on = 1.0 if since >= 0.0 and phase < settings.disturbance_width else 0.0
         return on * amplitude1, on * amplitude2
     if kind == ARRAY:
-        sample = int(min(np.floor(now / period), settings.disturbance_samples - 1.0))
+        sample = int(smaller(floor(now / period), settings.disturbance_samples - 1.0))
         index = settings.disturbance_table + 2 * sample
         return tables[index], tables[index + 1]
     return 0.0, 0.0
@@ -201,7 +205,7 @@ def _renew(block, settings, tables, width, substep):
         changes, period = 0, settings.disturbance_period
         for lane in range(width):
             now = float(np.int64(block.step[lane])) * settings.substeps + substep
-            changes += np.floor(now / period) != np.floor((now - settings.substeps) / period)
+            changes += floor(now / period) != floor((now - settings.substeps) / period)
         if changes == 0:  # the levels of the last step stay: a draw is slow
             return
     for lane in range(width):

@@ -1,0 +1,153 @@
+"""The batch of a GPU: its code, lane by lane on this processor, gives the bits of the batch in every way of use."""
+
+import copy
+import functools
+import re
+
+import gymnasium as gym
+import numpy as np
+import pytest
+from gymnasium import error
+
+from fbl_gym import TwoLinkArmVectorEnv
+from fbl_gym.kernel import cuda
+from fbl_gym.kernel.maths import fastmath
+from tests.fbl_gym.episodes import EVENTFUL, ID, TIGHT, TRACKING
+from tests.fbl_gym.test_lanes import CHANGES, MODES, assert_same_infos
+
+LANES = 37
+BUSY = {"friction": {"coulomb": 10.0, "law": "literal"}, "noise": {"position": 1e-3, "acceleration": 1e-1}}
+CASES = {
+    0: (ID, {"duration": 0.2}),
+    1: (ID, {**BUSY, "disturbance": {"kind": "sine", "amplitude": 10.0}, "duration": 0.2, "constraints": TIGHT}),
+    2: (ID, {**EVENTFUL, **CHANGES}),
+    3: (TRACKING, {"scenario": "servo-elastic-2", "duration": 0.2, "preview": 2}),
+    4: (ID, {**EVENTFUL, **CHANGES, "link": 8.0, "info": True}),
+}
+"""Name and options of environments, by the number of their compiled step."""
+
+
+@functools.cache
+def loop(name):
+    """Return a function that runs the code of a thread for each lane."""
+    lane_function = fastmath.kernel_njit(cuda.lane_function(name))
+
+    def run(a, b, c, d, e, lanes):
+        for lane in range(lanes):
+            lane_function(a, b, c, d, e, lane)
+
+    return fastmath.cached_njit(fastmath.named(run, name))
+
+
+class Processor(cuda.TorchGpu):
+    """Torch's tensors of this processor, in the place of those of a GPU."""
+
+    place = "cpu"
+
+    def _run(self, name, lanes, *numbers):
+        loop(name)(*numbers, lanes)
+
+
+@pytest.fixture
+def processor(monkeypatch):
+    pytest.importorskip("torch")
+    monkeypatch.setattr(cuda, "open_gpu", lambda: Processor(None))
+
+
+def pair(number=0, mode="NextStep"):
+    """Return an environment on a processor and on a GPU."""
+    name, options = CASES[number]
+    options = {"vectorization_mode": "vector_entry_point", "autoreset_mode": mode, **options}
+    return gym.make_vec(name, LANES, **options), gym.make_vec(name, LANES, device="cuda", **options)
+
+
+@pytest.mark.usefixtures("processor")
+@pytest.mark.parametrize("mode", MODES)
+@pytest.mark.parametrize("number", CASES)
+def test_steps_and_resets_have_the_bits_of_the_processor(number, mode):
+    ours, theirs = pair(number, mode)
+    torch = pytest.importorskip("torch")
+    assert theirs.unwrapped._batch._class == number
+    np.testing.assert_array_equal(ours.reset(seed=3)[0], theirs.reset(seed=3)[0])
+    rng, ends = np.random.default_rng(0), 0
+    for step in range(80):
+        actions = rng.uniform(-1, 1, (LANES, 2))
+        a, b = ours.step(actions), theirs.step(torch.as_tensor(actions))
+        for x, y in zip(a[:4], b[:4], strict=True):
+            np.testing.assert_array_equal(x, y)
+            assert isinstance(y, torch.Tensor)
+            assert x.dtype == y.numpy().dtype
+        ended = a[2] | a[3]
+        ends += ended.sum()
+        if mode == "SameStep":  # a GPU has the rows of all lanes
+            final = b[4].pop("final_obs")
+            np.testing.assert_array_equal(b[4].pop("_final_obs"), ended)
+            for lane in np.flatnonzero(ended):
+                np.testing.assert_array_equal(final[lane], a[4]["final_obs"][lane])
+        left_out = {"final_obs", "_final_obs"} | (set() if "cost" in a[4] else {"final_info", "_final_info"})
+        assert_same_infos({name: value for name, value in a[4].items() if name not in left_out}, b[4])
+        if step % 10 == 9 or (mode == "Disabled" and ended.any()):
+            arguments, mask = {"seed": step if step % 20 == 9 else None}, ended | (rng.random(LANES) < 0.2)
+            observations, _ = ours.reset(**arguments, options={"reset_mask": mask})
+            arguments["options"] = {"reset_mask": torch.as_tensor(mask)}
+            np.testing.assert_array_equal(observations, theirs.reset(**arguments)[0])
+    assert ends > 0
+    theirs = copy.deepcopy(theirs)
+    np.testing.assert_array_equal(ours.step(actions)[0], theirs.step(actions)[0])
+    theirs.unwrapped.check()
+    for name, value in vars(ours.unwrapped.truth).items():
+        np.testing.assert_array_equal(value, getattr(theirs.unwrapped.truth, name), err_msg=name)
+
+
+@pytest.mark.usefixtures("processor")
+def test_a_lane_that_is_refused_stands_still_and_check_names_it():
+    env = pair(mode="Disabled")[1].unwrapped
+    env.reset(seed=0)
+    before = env.truth.time
+    actions = np.zeros((LANES, 2))
+    actions[20, 1] = np.inf
+    rewards = env.step(actions)[1]
+    moved = env.truth.time > before
+    np.testing.assert_array_equal(moved, np.arange(LANES) != 20)
+    np.testing.assert_array_equal(np.isnan(rewards.numpy()), ~moved)
+    with pytest.raises(ValueError, match="finite in lane 20"):
+        env.check()
+    env.check()
+    for _ in range(20):
+        env.step(np.zeros((LANES, 2)))
+    with pytest.raises(error.ResetNeeded, match="the episode of lane"):
+        env.check()
+    with pytest.raises(ValueError, match="action must have shape"):
+        env.step(np.zeros((LANES, 3)))
+
+
+def test_what_a_gpu_cannot_do_is_refused_by_name():
+    for options, match in (
+        ({"device": "gpu"}, "unknown device 'gpu'.*Known: cpu, cuda"),
+        ({"device": "cuda", "plant": "mujoco"}, "device must be 'cpu' with plant='mujoco'"),
+        ({"device": "cuda", "threads": 2}, "threads must be None with device='cuda'"),
+    ):
+        with pytest.raises(ValueError, match=match):
+            TwoLinkArmVectorEnv(2, **options)
+    try:
+        cuda.open_gpu()
+    except (ImportError, RuntimeError):
+        with pytest.raises(error.DependencyNotInstalled, match=r"fbl-gym\[cuda\]|NVIDIA GPU and its driver"):
+            TwoLinkArmVectorEnv(2, device="cuda")
+
+
+SLOW = [pytest.param(number, marks=pytest.mark.slow) for number in (1, 2, 3, 4)]
+
+
+@pytest.mark.parametrize("name", ["scale", 0, *SLOW])
+def test_the_linked_code_contracts_nothing(monkeypatch, name):
+    """With a sum of a product in place of the source's `fma`, there is none. It is linked here without a GPU."""
+    pytest.importorskip("numba_cuda", reason="needs the extra cuda", exc_type=ImportError)
+    from numba.cuda import dispatcher
+
+    monkeypatch.setattr(fastmath, "fma", fastmath.inline_njit(lambda a, b, c: a * b + c))
+    monkeypatch.setattr(dispatcher, "get_current_device", lambda: type("Card", (), {"compute_capability": (9, 0)}))
+    text = cuda.compile_lane(name, (9, 0), ptx=True).decode()
+    found = set(re.findall(r"\b(add|sub|mul|mad|fma|div|sqrt)((?:\.\w+)*)\.f64", text))
+    assert {"sub", "div"} <= {operation for operation, _ in found} <= {"add", "sub", "mul", "div", "sqrt"}
+    assert {rounding for _, rounding in found} == {".rn"}
