@@ -130,7 +130,7 @@ class TwoLinkArmVectorEnv(TaskProperties, VectorEnv[Array, Array, Array]):
             In SAME_STEP mode, infos has `final_obs` and `final_info` of the lanes that ended, with
             their masks `_final_obs` and `_final_info`. With `info=True` or `constraints`, it has
             the arrays of `TwoLinkArmEnv`, with masks that are False in lanes that this step reset;
-            the cost of their last step is in `final_info`.
+            those of their last step are in `final_info`.
 
         Raises:
             ValueError: if the actions have another shape or one is not finite. No lane has moved.
@@ -154,20 +154,16 @@ class TwoLinkArmVectorEnv(TaskProperties, VectorEnv[Array, Array, Array]):
         return observations, rewards, terminated, truncated, self._infos(terminated, truncated)
 
     def _infos(self, terminated: Flags, truncated: Flags) -> dict[str, Any]:
-        infos: dict[str, Any] = {}
-        if self._reports:
-            runs, measures = self._batch.field("step") > 0, self._measures()
-            for name, values in measures.items():
-                infos |= {name: np.where(runs if values.ndim == 1 else runs[:, None], values, 0.0), f"_{name}": runs}
-        done = terminated | truncated
+        measures = self._measures() if self._reports else {}
+        infos, done = _in_lanes(self._batch.field("step") > 0, measures), terminated | truncated
         if self.autoreset_mode != AutoresetMode.SAME_STEP or not done.any():
             return infos
         final = np.full(self.num_envs, None, dtype=object)
         lasts = self._batch.final_observations
         for lane in np.flatnonzero(done):
             final[lane] = lasts[lane].copy()
-        costs = {"cost": np.where(done, measures["cost"], 0.0), "_cost": done.copy()} if self._constrained else {}
-        return infos | {"final_obs": final, "_final_obs": done, "final_info": costs, "_final_info": done.copy()}
+        last = _in_lanes(done, measures)
+        return infos | {"final_obs": final, "_final_obs": done, "final_info": last, "_final_info": done.copy()}
 
     @property
     def truth(self) -> Truth:
@@ -214,3 +210,11 @@ class TwoLinkArmVectorEnv(TaskProperties, VectorEnv[Array, Array, Array]):
             raise ValueError(f"seed must be a whole number, or one for each of {self.num_envs} lanes, got {seed!r}")
         lanes = [lane for lane, lane_seed in enumerate(seed) if lane_seed is not None]
         return np.array(lanes, dtype=np.int64), np.array([check_seed(seed[lane]) for lane in lanes], dtype=np.uint64)
+
+
+def _in_lanes(lanes: Flags, measures: dict[str, Array]) -> dict[str, Array]:
+    """Return measures that are 0 outside of some lanes, each with these lanes as its mask."""
+    infos = {}
+    for name, values in measures.items():
+        infos |= {name: np.where(lanes if values.ndim == 1 else lanes[:, None], values, 0.0), f"_{name}": lanes.copy()}
+    return infos
