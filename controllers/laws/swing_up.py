@@ -92,7 +92,9 @@ class SwingUp(TorqueLaw):
         kinetic = 0.5 * np.einsum("ni,nij,nj->n", v, m, v)
         energy = kinetic + p4 * np.sin(q[:, 0]) + p5 * np.sin(q[:, 0] + q[:, 1])
         a = np.zeros_like(q)
-        a[:, one] = -self.stiffness * x[:, one] - self.damping * v[:, one] + self.pump * v[:, other] * (energy / top - 1.0)
+        a[:, one] = (
+            -self.stiffness * x[:, one] - self.damping * v[:, one] + self.pump * v[:, other] * (energy / top - 1.0)
+        )
         a[:, other] = -inverse_dynamics(nominal, q, v, a)[:, other] / m[:, other, other]
         torque = inverse_dynamics(nominal, q, v, a)[:, one]
 

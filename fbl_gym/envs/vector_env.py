@@ -214,7 +214,7 @@ class TwoLinkArmVectorEnv(TaskProperties, VectorEnv[Array, Array, Array]):
 
 def _in_lanes(lanes: Flags, measures: dict[str, Array]) -> dict[str, Array]:
     """Return measures that are 0 outside of some lanes, each with these lanes as its mask."""
-    infos = {}
+    infos: dict[str, Any] = {}
     for name, values in measures.items():
         infos |= {name: np.where(lanes if values.ndim == 1 else lanes[:, None], values, 0.0), f"_{name}": lanes.copy()}
     return infos

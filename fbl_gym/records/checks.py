@@ -76,7 +76,7 @@ def bounds_text(low: float = -math.inf, high: float = math.inf, above: float | N
 def check_number(
     name: str, value: object, *, low: float = -math.inf, high: float = math.inf, above: float | None = None
 ) -> float:
-    """Return `value` as a finite float within its bounds; that of `np.float32` is as it is printed."""
+    """Return `value` as a finite float within its bounds; one of NumPy counts as it is printed."""
     right = "a finite number" + bounds_text(low, high, above)
     if isinstance(value, bool | np.bool_) or not isinstance(value, int | float | np.integer | np.floating):
         raise ValueError(f"{name} must be {right}, got {value!r}")

@@ -65,7 +65,7 @@ def test_it_needs_one_drive_and_a_hanging_arm():
         return controllers.make("swing-up", TwoLinkArmEnv("dfki-c1-acrobot", action="torque", **options))
 
     assert (make().driven, make(actuator=None).driven) == (1, 0)
-    with pytest.raises(ValueError, match="SwingUp needs a drive, got actuator.torque_limit="):
+    with pytest.raises(ValueError, match="SwingUp needs a drive, got"):
         make(actuator=0.0)
     with pytest.raises(ValueError, match="needs an arm that hangs"):
         make(arm={"gravity": 0.0})
