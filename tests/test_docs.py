@@ -182,7 +182,6 @@ SHORTER = {
     "board_coverage 512": "board_coverage 2",
     "30,25,20,15,10": "30,10",
     " direct-practice geared-practice": "",
-    ":32": ":2",
 }
 """What makes the code of a page short."""
 

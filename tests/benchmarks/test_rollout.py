@@ -5,6 +5,7 @@ import dataclasses
 
 import numpy as np
 import pytest
+from scipy.io import loadmat
 
 import controllers
 from benchmarks.report.latex import escape, write_table
@@ -93,6 +94,9 @@ def test_a_file_has_the_numbers_of_the_table(signals, tmp_path, fbl_gym):
     (tmp_path / "short.toml").write_text(f'base = "{TASK}"\nduration = 0.4\n')
     line = ["evaluate", LAW, "--scenario", str(tmp_path / "short.toml"), "--seeds", "2"]
     fbl_gym([*line, "--trace", str(tmp_path / "trace.csv")])
+    fbl_gym([*line[:2], "zero", *line[2:], "--trace", str(tmp_path / "two.mat")])
+    own, zero = (loadmat(path) for path in sorted(tmp_path.glob("two-*.mat")))
+    assert np.count_nonzero(zero["command_1_Nm"]) == 2  # at the start, it holds the arm still
     with (tmp_path / "trace.csv").open() as file:
         rows = list(csv.DictReader(file))
     assert len(rows) == 2 * 41
@@ -100,6 +104,7 @@ def test_a_file_has_the_numbers_of_the_table(signals, tmp_path, fbl_gym):
     for name, numbers in signals.items():
         written = np.array([float(row[name]) for row in rows])
         np.testing.assert_allclose(written, numbers.ravel(), rtol=1e-9, err_msg=name)
+        np.testing.assert_array_equal(own[name].ravel(), numbers.ravel(), err_msg=name)
 
 
 @pytest.fixture(autouse=True)
