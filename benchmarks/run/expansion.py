@@ -1,7 +1,6 @@
 """Expansion of a board's names: policies into members, families into scenarios."""
 
 import dataclasses
-import functools
 import json
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
@@ -118,7 +117,9 @@ def with_option(scenario: Scenario, option: str, value: float, *, factor: bool =
     """
     changes: Any = value
     if factor:
-        given = functools.reduce(lambda each, part: (each or {}).get(part), option.split("."), scenario.to_dict())
+        given: Any = scenario.to_dict()
+        for part in option.split("."):
+            given = given.get(part) if isinstance(given, Mapping) else None
         changes = _scaled(option, given, value)
     for part in reversed(option.split(".")):
         changes = {part: changes}
