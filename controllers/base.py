@@ -157,6 +157,7 @@ class TorqueLaw(Law):
 
     Attributes:
         needs: the sensors that the law requires.
+        missing: number of drives that may be missing, with a torque limit of 0.
         access: what the law may know of the arm, one of `ACCESS`.
         preview: how far ahead the law uses the reference, where the observation has it [s].
     """
@@ -164,14 +165,16 @@ class TorqueLaw(Law):
     interface: Interface = dataclasses.field(repr=False)
 
     needs: ClassVar[tuple[str, ...]] = ("position", "velocity")
+    missing: ClassVar[int] = 0
     access: ClassVar[str] = "nominal"
     preview: ClassVar[float] = 0.0
 
     def validate(self) -> None:
         """Refuse an interface without a drive, or without a sensor that the law needs."""
-        limit = self.interface.torque_limit
-        if limit is not None and 0.0 in limit:
-            raise ValueError(f"{type(self).__name__} needs both drives, got actuator.torque_limit={limit} N m")
+        limit = self.interface.torque_limit or ()
+        if limit.count(0.0) > self.missing:
+            drives = "a drive" if self.missing else "both drives"
+            raise ValueError(f"{type(self).__name__} needs {drives}, got actuator.torque_limit={limit} N m")
         for sensor in self.needs:
             if sensor not in self.interface.layout:
                 raise ValueError(

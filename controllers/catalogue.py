@@ -67,6 +67,7 @@ LAWS = (
         "nonsingular terminal sliding mode and observer (Feng)",
     ),
     ("spong-robust", "laws.passivity:SpongRobust", "Spong's robust law with a bound for each parameter"),
+    ("swing-up", "laws.swing_up:SwingUp", "swing-up of an arm that lacks a drive: energy shaping, then LQR (Spong)"),
     ("oracle-flm", "oracles.oracle:OracleFlm", "feedback linearisation with the true arm, state and loads"),
     (
         "oracle-elastic",

@@ -8,6 +8,7 @@ class of robots. POLICY@tuned has the gains for the class of the robot that it i
 LAW+PART has no such file, it has the gains of LAW, and the part its defaults.
 """
 
+import dataclasses
 import inspect
 import json
 import sys
@@ -27,6 +28,9 @@ from fbl_gym.interface import Interface
 from fbl_gym.records.checks import check_choice, unknown
 
 KINDS = ("classical", "learned")
+
+DECLARED = ("access", "data_files", "kind", "missing", "needs", "packages", "preview", "uses")
+"""Attributes by which the factory of a policy declares something; no gain has such a name."""
 
 ENTRY_POINTS = "fbl_gym.policies"
 
@@ -103,9 +107,20 @@ def _entry(policy: str | PolicyName) -> _Entry:
     if name.form != "name" or name.source not in external():
         raise unknown("policy", name.law, names())
     factory = external()[name.source].load()
+    check_gains(name, factory)
     summary = (inspect.getdoc(factory) or "").split("\n")[0]
     kind = check_choice(f"kind of {name.source}", getattr(factory, "kind", "classical"), KINDS)
     return _Entry(factory, summary, None, kind)
+
+
+def check_gains(policy: str | PolicyName, factory: Callable[..., Any]) -> None:
+    """Refuse a law with a gain whose name is one of `DECLARED`."""
+    names = {field.name for field in dataclasses.fields(factory)} if dataclasses.is_dataclass(factory) else set()
+    for gain in sorted(names.intersection(DECLARED)):
+        raise ValueError(
+            f"gain {gain!r} of {policy} must have another name: the name is reserved for what a policy declares of "
+            "itself (or is it a declaration? Then annotate it as ClassVar)"
+        )
 
 
 def _load(entry: _Entry) -> Callable[..., Any]:

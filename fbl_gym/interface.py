@@ -185,6 +185,12 @@ class Interface:
         return spaces.Box(low, high, dtype=np.float64)
 
     @cached_property
+    def torque_scale(self) -> Array:
+        """Torques that count as 1, [2] N m: the limits; of a joint without a drive 1 N m."""
+        limit = (np.inf, np.inf) if self.torque_limit is None else self.torque_limit
+        return np.array([each or 1.0 for each in limit])
+
+    @cached_property
     def _torque_limit(self) -> Array:
         return np.array(self.torque_limit)
 
@@ -210,7 +216,7 @@ class Interface:
             velocity: measured, [... x 2] rad/s.
         """
         if self.action == "normalized":
-            return self.saturate(torque) / np.where(self._torque_limit > 0, self._torque_limit, 1.0)
+            return self.saturate(torque) / self.torque_scale
         action = torque if self.action == "torque" else forward_dynamics(self.nominal, position, velocity, torque)
         return clip(action, -self._action_limit, self._action_limit)
 

@@ -216,6 +216,5 @@ class AgentAdapter:
             return second[0] + 0.5 * (1.0 + action) * (torque - second[0])
         inertia = inertia_matrix(self.interface.nominal, observation[:, self.interface.layout["position"]])
         residual = self.settings.residual * (inertia * action[:, None]).sum(axis=-1)
-        if (limit := self.interface.torque_limit) is not None:
-            residual *= np.clip((1.0 - np.abs(torque) / np.array(limit)) / GATE, 0.0, 1.0)
+        residual *= np.clip((1.0 - np.abs(torque) / self.interface.torque_scale) / GATE, 0.0, 1.0)
         return self.interface.saturate(torque + residual)

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import importlib
 import json
+import pickle
+import re
 import zipfile
 import zlib
 from collections.abc import Callable
@@ -51,7 +53,8 @@ def load_zip(path: str | Path, interface: Interface, trust: bool = False) -> Pol
     The model must be trained on the observations and actions of `fbl_gym/TwoLinkArm-v0` or
     `fbl_gym/TwoLinkArmTracking-v0`, the latter also in stacks of Gymnasium's
     `FrameStackObservation` or SB3's `VecFrameStack`. With `preview=n`, the interface must have
-    the same. Loading it runs the pickled code in it: `trust` says that you trust its source.
+    the same. Observations are scaled by the `statistics` of SB3's `VecNormalize`, if there are
+    some. Loading runs the pickled code in both files: `trust` says that you trust their source.
     """
     if not trust:
         raise ValueError(f"loading {str(path)!r} runs the code in it: give trust=True if you trust it, got {trust!r}")
@@ -64,6 +67,7 @@ def load_zip(path: str | Path, interface: Interface, trust: bool = False) -> Pol
         raise ValueError(
             f"{path} must be an archive that stable-baselines3's save wrote ({reason_of(problem)})"
         ) from None
+    model = _normalized(model, statistics(Path(path)))
     if (past_actions := _tracked(model, interface)) is not None:
         return TrackingModel(model, interface, past_actions)
     seen = "TwoLinkArmTracking-v0 or TwoLinkArm-v0, maybe in frame stacks, and with the same preview (add-a-policy.md)"
@@ -78,8 +82,49 @@ def archive_factory(path: Path) -> Callable[..., Any]:
     def factory(interface: Interface) -> Policy:
         return load_zip(path, interface, trust=True)
 
-    vars(factory).update(kind="learned", needs=MOTION, packages=("torch",), data_files=(path,))
+    vars(factory).update(kind="learned", needs=MOTION, packages=("torch",), data_files=(path, *statistics(path)))
     return factory
+
+
+def statistics(path: Path) -> list[Path]:
+    """Return the file of `VecNormalize` that belongs to an archive, or an empty list.
+
+    The nearest counts: that of the same checkpoint (SB3's `CheckpointCallback`), `vecnormalize.pkl`
+    in the folder of the archive's name (rl_zoo3), and `vecnormalize.pkl` beside the archive.
+    """
+    checkpoint = re.sub(r"(\d+_steps)$", r"vecnormalize_\1", path.stem) + ".pkl"
+    names = (checkpoint, f"{path.stem}/vecnormalize.pkl", "vecnormalize.pkl")
+    return [file for file in map(path.parent.joinpath, names) if file.is_file()][:1]
+
+
+def _normalized(model: Any, files: list[Path]) -> Any:
+    """Return a model that observes what `VecNormalize` made of its observations in training."""
+    for path in files:
+        try:
+            with path.open("rb") as file:
+                return NormalizedModel(model, pickle.load(file))
+        except Exception as problem:  # of pickle, or of the file's code
+            raise ValueError(f"{path} must be a file that VecNormalize's save wrote ({reason_of(problem)})") from None
+    return model
+
+
+class NormalizedModel:
+    """A model behind SB3's `VecNormalize`, whose statistics are of an observation or of a frame."""
+
+    def __init__(self, model: Any, normalize: Any) -> None:
+        self.observation_space, self.action_space = model.observation_space, model.action_space
+        self._model, self._normalize = model, normalize.normalize_obs
+        self._frame = np.shape(normalize.obs_rms.mean) if normalize.norm_obs else model.observation_space.shape
+        if np.prod(model.observation_space.shape) % np.prod(self._frame):
+            right = model.observation_space.shape
+            raise ValueError(f"its statistics must have the observation's shape {right}, got {self._frame}")
+
+    def predict(self, observation: Array, *arguments: Any, **named: Any) -> tuple[Array, Any]:
+        """Return the action and the next state of the model."""
+        frames = np.reshape(observation, (-1, *self._frame))
+        empty = (frames == 0.0).reshape(len(frames), -1).all(axis=1)  # VecFrameStack begins with zeros
+        frames = np.where(empty.reshape(-1, *[1] * len(self._frame)), 0.0, self._normalize(frames))
+        return self._model.predict(frames.reshape(np.shape(observation)), *arguments, **named)
 
 
 class TrackingModel:

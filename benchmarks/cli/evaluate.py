@@ -1,6 +1,7 @@
 """The command `fbl-gym evaluate`: one policy, several side by side, or several trials in a row."""
 
 import argparse
+import re
 from collections.abc import Mapping, Sequence
 from functools import partial
 
@@ -30,8 +31,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     common.add_option(parser, "--trials", common.count, 1, "K", "repeat each arm's motion in K episodes in a row")
     common.add_plot(parser, "the signals of one policy, the errors of several, or the errors over the trials")
     common.add_file(parser, "--csv", "write all metrics of all runs", ".csv")
-    signals = "write all signals of all seeds of one policy, also readings and its state"
-    common.add_file(parser, "--trace", signals, ".csv")
+    signals = "write all signals of all seeds, also readings and the policy's state, a file for each policy"
+    common.add_file(parser, "--trace", signals, ".csv", ".mat")
     common.add_tex(parser)
     parser.add_argument("--columns", choices=("all",), help="print the metrics, too, that these runs do not have")
     common.add(parser, "--trust")
@@ -43,8 +44,8 @@ def run(arguments: argparse.Namespace) -> int:
     names = {str(name): name for name in arguments.policies}
     policies = [*names]
     detailed, alone = arguments.trace is not None, len(names) == arguments.trials == 1
-    if detailed and not alone:
-        raise ValueError(f"--trace is for one policy and one trial, got {len(names)} and {arguments.trials}")
+    if detailed and arguments.trials > 1:
+        raise ValueError(f"--trace is for one trial, got --trials {arguments.trials}")
     scenario = scenarios.get(arguments.scenario)
     traces = {
         policy: run_trials(resolve(name), scenario, range(arguments.seeds), arguments.trials, detailed=detailed)
@@ -79,9 +80,10 @@ def run(arguments: argparse.Namespace) -> int:
     if arguments.plot is not None:
         draw(arguments.plot, arguments.width)
         screen.say(f"plot: {arguments.plot}, {caption(arguments.seeds)}")
-    if arguments.trace is not None:
-        export(traces[policies[0]][-1], arguments.trace)
-        screen.say(f"trace: {arguments.trace}")
+    for policy, trace in last.items() if detailed else ():
+        own = "" if alone else "-" + re.sub(r"[^\w.+@=-]", "-", policy)
+        export(trace, path := arguments.trace.with_stem(arguments.trace.stem + own))
+        screen.say(f"trace: {path}")
     if arguments.csv is not None:
         cells = (
             ((policy, trial), range(arguments.seeds), rows)

@@ -50,7 +50,7 @@ def doubts(scenario: Scenario) -> Iterator[str]:
     """Yield sentences on what the arm cannot do, or what looks like a mistake of units."""
     if scenario.actuator.torque_limit is not None:
         share = _share(scenario, *reference_motion(scenario, SEEDS))
-        if share.max() > 100.0:
+        if share[np.array(scenario.actuator.torque_limit) > 0].max(initial=0.0) > 100.0:
             yield f"its motion needs {_both(share, '%')} of actuator.torque_limit, which is in N m"
     if scenario.joint is not None and (rate := modes(scenario)[0]) < SLOWEST:
         yield f"its links vibrate at {rate:.3g} Hz; joint.stiffness is in N m/rad, joint.frequency in Hz"

@@ -27,9 +27,10 @@ MOST_CELLS = 100_000
 """Most cells of a sweep."""
 
 
-def over(text: str) -> tuple[str, str, list[float]]:
-    """Return an option's path, the scale of its axis and its values; an argument's type."""
+def over(text: str) -> tuple[str, str, list[float], bool]:
+    """Return an option's path, the scale of its axis, its values, and True if they are factors."""
     path, _, values = text.partition("=")
+    factors, values = values.startswith("x"), values.removeprefix("x")
     try:
         if ":" in values:
             low, high, scale, number = values.split(":")
@@ -39,18 +40,21 @@ def over(text: str) -> tuple[str, str, list[float]]:
             scale, points = "lin", [float(value) for value in values.split(",")]
     except (ValueError, KeyError):
         raise argparse.ArgumentTypeError(
-            f"must be such as noise.position=1e-4:1e-2:log:9, actuator.delay=0:0.03:lin:4 or arm.m2=2,4,6, got {text!r}"
+            "must be such as noise.position=1e-4:1e-2:log:9, actuator.delay=0:0.03:lin:4, arm.m2=2,4,6 or "
+            f"friction.coulomb=x0.5:2:log:5, got {text!r}"
         ) from None
     points = [float(f"{point:.6g}") for point in points]
     if len(set(points)) < len(points):
         raise argparse.ArgumentTypeError(f"must have values that differ in their first six digits, got {text!r}")
-    return path, scale.replace("lin", "linear"), points
+    return path, scale.replace("lin", "linear"), points, factors
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     common.add(parser, "policies")
     values = "an option from `fbl-gym list options` and its values: LOW:HIGH:log:N, LOW:HIGH:lin:N, or A,B,C; "
-    values += "given more than once, all combinations of values"
+    values += (
+        "after an x, factors on the scenario's own, of both joints; given more than once, all combinations of values"
+    )
     parser.add_argument("--over", type=over, action="append", required=True, metavar="OPTION=VALUES", help=values)
     common.add(parser, "--scenario")
     common.add_file(parser, "--csv", "write all metrics of all runs, by default to results/sweep.csv", ".csv")
@@ -64,14 +68,17 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(arguments: argparse.Namespace) -> int:
     """Measure each policy at each value, and write all runs and a figure."""
     common.trust(arguments)
-    names, scales, values = zip(*arguments.over, strict=True)
+    names, scales, values, factors = zip(*arguments.over, strict=True)
     if any(f"{one}.".startswith(f"{other}.") for one, other in itertools.permutations(names, 2)):
         raise ValueError(f"--over must name options that are no part of each other, got {' '.join(names)}")
     if (size := math.prod(map(len, values)) * len(arguments.policies)) > MOST_CELLS:
         raise ValueError(f"--over must give at most {MOST_CELLS} cells, policies times values, got {size}")
     base, points = scenarios.get(arguments.scenario), list(itertools.product(*values))
-    options_of = (zip(names, point, strict=True) for point in points)
-    tasks = tuple(functools.reduce(lambda task, pair: with_option(task, *pair), pairs, base) for pairs in options_of)
+    options_of = (zip(names, point, factors, strict=True) for point in points)
+    tasks = tuple(
+        functools.reduce(lambda task, each: with_option(task, *each[:2], factor=each[2]), changes, base)
+        for changes in options_of
+    )
     cells = Suite("sweep", tuple(arguments.policies), tasks, arguments.seeds).cells
     results = common.results_by_id(cells, arguments)
     curves: dict[str, list[list[float]]] = {}
@@ -89,7 +96,7 @@ def run(arguments: argparse.Namespace) -> int:
     write_runs(arguments.csv, ("policy", *names), runs)
     path = arguments.plot or arguments.csv.with_suffix(".png")
     unit = _unit(names[0])
-    label = f"{names[0]} [{unit}]" if unit else names[0]
+    label = f"factor on {names[0]}" if factors[0] else f"{names[0]} [{unit}]" if unit else names[0]
     lines = tuple(band(np.array(values[0]), np.array(errors), name) for name, errors in curves.items())
     panel = Panel("", label, "error [%]", lines, (scales[0], "log"))
     plot_lines(f"Error on {arguments.scenario}, {arguments.seeds} seeds", [panel], path, arguments.width)

@@ -241,6 +241,10 @@ def _resolved(name: PolicyName) -> PolicySpec:
 def _declared(spec: PolicySpec, factory: Callable[..., Any]) -> PolicySpec:
     """Return the specification with all that a factory declares but code and files."""
     name = spec.parsed
+    try:
+        registry.check_gains(name, factory)
+    except ValueError as problem:
+        raise BadDeclaration(str(problem)) from problem
     if name.form == "name":
         kind, summary = controllers.kind(name), controllers.summary(name)
     else:

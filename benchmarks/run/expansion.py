@@ -98,14 +98,31 @@ def distinguish(tasks: Sequence[Scenario]) -> tuple[Scenario, ...]:
     return tuple(distinct.values())
 
 
-def with_option(scenario: Scenario, option: str, value: float) -> Scenario:
+def _scaled(option: str, value: Any, factor: float) -> Any:
+    """Return the numbers of an option times a factor."""
+    if isinstance(value, Mapping):
+        return {name: _scaled(option, each, factor) for name, each in value.items() if each is not None}
+    if isinstance(value, list):
+        return [_scaled(option, each, factor) for each in value]
+    if isinstance(value, bool) or not isinstance(value, int | float):
+        raise ValueError(f"{option} must be numbers to multiply by x{factor:g}, got {value!r}: give values without x")
+    return factor * value
+
+
+def with_option(scenario: Scenario, option: str, value: float, *, factor: bool = False) -> Scenario:
     """Return the scenario with another value of an option, which becomes part of its name.
 
-    `option` is its path, such as "noise.position", as `fbl-gym list options` prints it.
+    `option` is its path, such as "noise.position", as `fbl-gym list options` prints it. As a
+    factor, the value multiplies that of the scenario: of both joints, and of a distribution's ends.
     """
     changes: Any = value
+    if factor:
+        given: Any = scenario.to_dict()
+        for part in option.split("."):
+            given = given.get(part) if isinstance(given, Mapping) else None
+        changes = _scaled(option, given, value)
     for part in reversed(option.split(".")):
         changes = {part: changes}
-    name = f"{scenario.name},{option}={value:g}"
+    name = f"{scenario.name},{option}={'x' if factor else ''}{value:g}"
     with naming(changes):
         return Scenario.from_dict({**merged(scenario.to_dict(), changes), "name": name})

@@ -48,6 +48,8 @@ METRICS: dict[str, str] = {
     "steady_2_pct": "mean absolute error of link 2 while the reference rests, in % of its amplitude",
     "overshoot_pct": "largest overshoot beyond a step of the reference, in % of the step (step references only)",
     "settling_s": "mean 2 % settling time of the steps [s] (step references only); the whole period if it never settles",
+    "rise_s": "mean time of the steps from 10 to 90 % [s] (step references only); the whole period if 90 % is never reached",
+    "energy_J": "mechanical work of the drives, both joints, without recovery: a brake costs as much as a push [J]",
     "torque_rms": "root mean square torque, both joints [N m]",
     "variation": "total variation of the torque per second, both joints [N m/s]",
     "saturated_pct": "share of samples in which a joint's torque command is at its limit [%]",
@@ -105,7 +107,7 @@ def measure(trace: Trace, size: Array | None = None) -> list[dict[str, float]]:
     torque = np.where(alive, trace.torque, 0.0)
     change = np.abs(np.diff(trace.torque, axis=0)) * (trace.alive[1:] & trace.alive[:-1])[..., None]
     steady = _steady(trace, error) / size
-    overshoot, settling = _steps(trace)
+    overshoot, settling, rise = _steps(trace)
     area, back, unrecovered = _recovery(trace, mean_error)
     limit = np.inf if trace.scenario.actuator.torque_limit is None else np.array(trace.scenario.actuator.torque_limit)
     at_limit = alive & (limit > 0) & (np.abs(trace.command) >= limit * (1 - 1e-9))
@@ -123,6 +125,8 @@ def measure(trace: Trace, size: Array | None = None) -> list[dict[str, float]]:
         "steady_2_pct": 100 * steady[:, 1],
         "overshoot_pct": overshoot,
         "settling_s": settling,
+        "rise_s": rise,
+        "energy_J": np.abs(np.diff(trace.position, axis=0) * torque[1:]).sum(axis=(0, 2), where=alive[1:]),
         "torque_rms": np.sqrt((torque**2).sum(axis=(0, 2)) / (2 * count)),
         "variation": change.sum(axis=(0, 2)) / (count * dt),
         "saturated_pct": 100 * at_limit.any(axis=-1).sum(axis=0) / count,
@@ -209,14 +213,14 @@ def _steady(trace: Trace, error: Array) -> Array:
     return steady
 
 
-def _steps(trace: Trace) -> tuple[Array, Array]:
-    """Return the largest overshoot [n] in % of its step and mean settling time [n] s, or NaN."""
+def _steps(trace: Trace) -> tuple[Array, Array, Array]:
+    """Return the largest overshoot in % of its step, mean settling and rise time [n] s, or NaN."""
     reference = trace.scenario.reference
     none = np.full(len(trace.seeds), np.nan)
     if not isinstance(reference, Steps | FilteredSteps):
-        return none, none
+        return none, none, none
     period = round(reference.period / trace.scenario.control_dt)
-    overshoot, settling = none, []
+    overshoot, times = none, []
     begin = trace.position[0]
     for first in range(0, len(trace.time) - period, period):
         window = slice(first, first + period)
@@ -228,16 +232,19 @@ def _steps(trace: Trace) -> tuple[Array, Array]:
         beyond = np.where(moved, np.maximum(gone.max(axis=0) - 1.0, 0.0), np.nan)
         outside = np.abs(gone - 1.0) > BAND
         last = period - np.argmax(outside[::-1], axis=0)
-        times = np.where(outside.any(axis=0), last, 0) * trace.scenario.control_dt
-        settling.append(np.where(moved, times, np.nan))
+        settling = np.where(outside.any(axis=0), last, 0)
+        high = (gone >= 0.9) & trace.alive[window, :, None]
+        rise = np.where(high.any(axis=0), np.argmax(high, axis=0) - np.argmax(gone >= 0.1, axis=0), period)
+        times.append(np.where(moved, trace.scenario.control_dt * np.stack([settling, rise]), np.nan))
         overshoot = np.fmax(overshoot, np.fmax(beyond[:, 0], beyond[:, 1]))
         begin = target
     worst = np.minimum(100 * overshoot, 1e3)
-    if not settling:
-        return worst, none
-    stacked = np.stack(settling)
-    counts = np.isfinite(stacked).sum(axis=(0, 2))
-    return worst, np.where(counts > 0, np.nansum(stacked, axis=(0, 2)) / np.maximum(counts, 1), np.nan)
+    if not times:
+        return worst, none, none
+    stacked = np.stack(times)
+    counts = np.isfinite(stacked).sum(axis=(0, 3))
+    means = np.where(counts > 0, np.nansum(stacked, axis=(0, 3)) / np.maximum(counts, 1), np.nan)
+    return worst, means[0], means[1]
 
 
 def summarize(rows: list[dict[str, float]]) -> dict[str, float]:

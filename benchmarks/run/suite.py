@@ -126,7 +126,9 @@ SHORT_SEEDS = 8
 NEEDS_ACCELERATION = ("crossq", "ppo-memory", "ppo-torque", "sac", "td3", "tqc")
 """Agents that were trained with an accelerometer, which the classes of robots lack."""
 
-_SINGLE = ("computed-torque-ilc",)  # it learns over trials; in one, it is computed torque
+OTHER_TASKS = ("computed-torque-ilc", "swing-up")
+"""Laws for repeated trials, and for another goal than the reference."""
+
 _PLANNED = "oracle-planned"  # it only differs from oracle-elastic where drives reach their limits
 
 SUITES: dict[str, SuiteSpec] = {
@@ -135,14 +137,14 @@ SUITES: dict[str, SuiteSpec] = {
         *(
             SuiteSpec(
                 robot, f"{kind.text}; every policy, tuned where it can be, severity 2 and surprise, 32 seeds",
-                {robot: (2,), f"{robot}-surprise": (2,)}, (*_SINGLE, _PLANNED, *NEEDS_ACCELERATION),
+                {robot: (2,), f"{robot}-surprise": (2,)}, (*OTHER_TASKS, _PLANNED, *NEEDS_ACCELERATION),
                 robot=robot, short=(f"{robot}-nominal", f"{robot}-everything-2", f"{robot}-surprise-payload"),
             )
             for robot, kind in CLASSES.items()
         ),
         SuiteSpec(
             "ideal", "every policy, tuned where it can be, on the paper's assumptions at severity 2, 32 seeds",
-            {"ideal": (2,)}, (*_SINGLE, _PLANNED),
+            {"ideal": (2,)}, (*OTHER_TASKS, _PLANNED),
         ),
     )
 }  # fmt: skip

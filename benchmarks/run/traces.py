@@ -1,9 +1,10 @@
-"""Traces, written for other programs as CSV."""
+"""Traces, written for other programs as CSV or for MATLAB."""
 
 from collections.abc import Mapping
 from pathlib import Path
 
 import numpy as np
+from scipy.io import savemat
 
 from benchmarks.files import replacing
 from benchmarks.run.rollout import Trace
@@ -42,8 +43,12 @@ def table(trace: Trace) -> dict[str, Array]:
 
 
 def export(trace: Trace, path: Path) -> None:
-    """Write the `table` of a trace to a CSV file."""
-    write_columns(path, table(trace))
+    """Write the `table` of a trace to a CSV file, or to a .mat file with a variable per column."""
+    if path.suffix == ".mat":
+        with replacing(path) as beside:
+            savemat(beside, table(trace), oned_as="column")
+    else:
+        write_columns(path, table(trace))
 
 
 def write_columns(path: Path, columns: Mapping[str, Array]) -> None:

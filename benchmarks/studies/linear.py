@@ -174,7 +174,8 @@ class LinearLoop:
         outputs["acceleration"][:, :size] = self.motion[2:4]
         acting = size if self.lag > 0.0 else n + 2 * k
         outputs["acceleration"][:, acting : acting + 2] += self.drive[2:4]
-        outputs["previous_actions"][:, n:length] = np.diag(np.tile(1.0 / self.action_scale, past))
+        shares = np.divide(1.0, self.action_scale, out=np.zeros(2), where=self.action_scale > 0.0)
+        outputs["previous_actions"][:, n:length] = np.diag(np.tile(shares, past))
         rows = [outputs[slot][:number] for slot, number in self.readings.items()]
         return a, np.vstack([b, np.zeros((len(a) - length, 2))]), np.vstack(rows)
 

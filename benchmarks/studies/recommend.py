@@ -22,7 +22,7 @@ from benchmarks.policies.spec import resolve
 from benchmarks.run.cell import Cell
 from benchmarks.run.rollout import reference_motion
 from benchmarks.run.store import Result
-from benchmarks.run.suite import Suite
+from benchmarks.run.suite import OTHER_TASKS, Suite
 from benchmarks.seeds import SPLITS
 from benchmarks.studies.linear import Margins, Unstable, margins_as_data
 from fbl_gym.model.arm import ArmParameters, Array, gravity_torque, inverse_dynamics, stretched_inertia
@@ -258,10 +258,9 @@ def _payload(scenario: Scenario) -> float:
 def candidates(robots: Sequence[str]) -> list[str]:
     """Return the policies that are tried by default: all of those that do not know the truth.
 
-    Laws also have the gains for some classes of robots. `computed-torque-ilc` is left out, since
-    it learns over trials.
+    Laws also have the gains for some classes of robots. `OTHER_TASKS` are left out.
     """
-    without = ("zero", "computed-torque-ilc")
+    without = ("zero", *OTHER_TASKS)
     known = (*controllers.names(), *(name for robot in robots for name in controllers.tuned(robot)))
     return [name for name in known if (spec := resolve(name)).ranked and spec.parsed.source not in without]
 

@@ -16,6 +16,7 @@ class Zero(TorqueLaw):
     """The law torque = 0. It needs no sensor and has no gain."""
 
     needs: ClassVar[tuple[str, ...]] = ()
+    missing: ClassVar[int] = 2
     access: ClassVar[str] = "none"
 
     def torque(self, observation: Array, state: State) -> tuple[Array, State]:

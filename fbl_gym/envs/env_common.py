@@ -152,19 +152,17 @@ class TaskProperties:
         costs = {"cost": self._batch.field("cost")} if self._constrained else {}
         if not self._info:
             return costs
-        fields = ("reference_position", "position", "command", "chatter")
-        reference, position, command, chatter = map(self._batch.field, fields)
-        limit = self.interface.torque_limit or (np.inf, np.inf)
-        use = np.abs(command) / np.where(np.equal(limit, 0), 1.0, limit)
-        error = reference - position
-        losses = self._reward.losses(error, use, chatter / 4)
+        error, command = np.split(self._batch.field("judged"), 2, axis=-1)
+        use = np.abs(command) / self.interface.torque_scale
+        losses = self._reward.losses(error, use, self._batch.field("chatter") / 4)
         return {"tracking_error": error, **losses, "saturation": (use >= 1.0).mean(axis=-1), **costs}
 
     @property
     def spec(self) -> EnvSpec | None:
         """Return the spec that `gym.make` sets. Its options are plain data, which survive JSON.
 
-        Its `max_episode_steps` is the length of an episode, which the environment itself ends.
+        Its `max_episode_steps` is the length of an episode, which the environment itself ends; that
+        of `gym.make` may shorten it.
         """
         return self._spec
 
@@ -172,13 +170,22 @@ class TaskProperties:
     def spec(self, spec: EnvSpec | None) -> None:
         if spec is not None:
             spec.kwargs = _plain(spec.kwargs)
-            spec.max_episode_steps = self._steps
+            spec.__class__, spec.max_episode_steps = _Spec, self._steps
         self._spec = spec
 
     @property
     def layout(self) -> Layout:
         """Return the names, slices and units of the observation."""
         return self.interface.layout
+
+
+class _Spec(EnvSpec):
+    """A spec whose `max_episode_steps` may be lowered only: no wrapper lengthens an episode."""
+
+    def __setattr__(self, name: str, value: Any) -> None:
+        if name == "max_episode_steps" and value is not None:
+            value = min(value, self.max_episode_steps or value)
+        super().__setattr__(name, value)
 
 
 def _plain(value: Any) -> Any:

@@ -68,7 +68,7 @@ class ErrorScales:
         if "preview" in layout:
             parts.append(columns("preview", now, scale=np.repeat(scales, 2)))
         if "previous_actions" in layout:
-            parts.append(columns("previous_actions", scale=interface.action_limit))
+            parts.append(columns("previous_actions", scale=[limit or 1.0 for limit in interface.action_limit]))
         self.columns = np.concatenate(parts)
         self.size = len(self.columns)
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 from gymnasium import spaces
+from gymnasium.vector import VectorEnv
 from gymnasium.vector.utils import batch_space
 
 from fbl_gym.envs.env import TwoLinkArmEnv
@@ -85,8 +86,11 @@ class TwoLinkArmTrackingEnv(_InErrorCoordinates, TwoLinkArmEnv):
         self.observation_space = self._scale(self.interface)
 
 
-class TwoLinkArmTrackingVectorEnv(_InErrorCoordinates, TwoLinkArmVectorEnv):
-    """Arms of `TwoLinkArmTrackingEnv`, stepped together, as in `TwoLinkArmVectorEnv`."""
+class TwoLinkArmTrackingVectorEnv(_InErrorCoordinates, TwoLinkArmVectorEnv, VectorEnv[Array, Array, Array]):
+    """Arms of `TwoLinkArmTrackingEnv`, stepped together, as in `TwoLinkArmVectorEnv`.
+
+    `VectorEnv` is named since skrl looks for it among the direct bases.
+    """
 
     def __init__(self, num_envs: int = 1, scenario: Any = None, *, past_actions: int = 1, **options: Any) -> None:
         super().__init__(num_envs, scenario, past_actions=past_actions, **options)

@@ -137,7 +137,7 @@ class TwoLinkArmVectorEnv(TaskProperties, VectorEnv[Array, Array, Array]):
             In SAME_STEP mode, infos has `final_obs` and `final_info` of the lanes that ended, with
             their masks `_final_obs` and `_final_info`. With `info=True` or `constraints`, it has
             the arrays of `TwoLinkArmEnv`, with masks that are False in lanes that this step reset;
-            the cost of their last step is in `final_info`. On a GPU, `final_obs` is one array
+            those of their last step are in `final_info`. On a GPU, `final_obs` is one array
             [num_envs x size], of which the rows of lanes that ended count; torch has their mask.
 
         Raises:
@@ -178,25 +178,21 @@ class TwoLinkArmVectorEnv(TaskProperties, VectorEnv[Array, Array, Array]):
         )
 
     def _infos(self, terminated: Flags, truncated: Flags) -> dict[str, Any]:
-        infos: dict[str, Any] = {}
-        if self._reports:
-            runs, measures = self._batch.field("step") > 0, self._measures()
-            for name, values in measures.items():
-                infos |= {name: np.where(runs if values.ndim == 1 else runs[:, None], values, 0.0), f"_{name}": runs}
+        measures = self._measures() if self._reports else {}
+        infos: dict[str, Any] = _in_lanes(self._batch.field("step") > 0, measures) if measures else {}
         if self.autoreset_mode != AutoresetMode.SAME_STEP:
             return infos
-        if self.device == "cuda":  # nothing here waits for the GPU, but for costs
+        if self.device == "cuda":  # nothing here waits for the GPU, but for measures
             infos["final_obs"] = self._batch.final_observations
             if hasattr(terminated, "__or__"):
                 infos["_final_obs"] = terminated | truncated
-            if not self._constrained:
+            if not measures:
                 return infos
             terminated, truncated = (self._batch.field(name) != 0.0 for name in ("terminated", "truncated"))
         done = terminated | truncated
         if not done.any():
             return infos
-        costs = {"cost": np.where(done, measures["cost"], 0.0), "_cost": done.copy()} if self._constrained else {}
-        infos |= {"final_info": costs, "_final_info": done.copy()}
+        infos |= {"final_info": _in_lanes(done, measures), "_final_info": done.copy()}
         if self.device == "cpu":
             final, lasts = np.full(self.num_envs, None, dtype=object), self._batch.final_observations
             for lane in np.flatnonzero(done):
@@ -251,3 +247,11 @@ class TwoLinkArmVectorEnv(TaskProperties, VectorEnv[Array, Array, Array]):
             raise ValueError(f"seed must be a whole number, or one for each of {self.num_envs} lanes, got {seed!r}")
         lanes = [lane for lane, lane_seed in enumerate(seed) if lane_seed is not None]
         return np.array(lanes, dtype=np.int64), np.array([check_seed(seed[lane]) for lane in lanes], dtype=np.uint64)
+
+
+def _in_lanes(lanes: Flags, measures: dict[str, Array]) -> dict[str, Array]:
+    """Return measures that are 0 outside of some lanes, each with these lanes as its mask."""
+    infos: dict[str, Any] = {}
+    for name, values in measures.items():
+        infos |= {name: np.where(lanes if values.ndim == 1 else lanes[:, None], values, 0.0), f"_{name}": lanes.copy()}
+    return infos

@@ -76,12 +76,13 @@ def bounds_text(low: float = -math.inf, high: float = math.inf, above: float | N
 def check_number(
     name: str, value: object, *, low: float = -math.inf, high: float = math.inf, above: float | None = None
 ) -> float:
-    """Return `value` as a finite float within its bounds."""
+    """Return `value` as a finite float within its bounds; one of NumPy counts as it is printed."""
     right = "a finite number" + bounds_text(low, high, above)
     if isinstance(value, bool | np.bool_) or not isinstance(value, int | float | np.integer | np.floating):
         raise ValueError(f"{name} must be {right}, got {value!r}")
     try:
-        x = float(value)
+        # A time of 0.01 s in single precision divides an episode as 0.01 does.
+        x = float(str(value) if isinstance(value, np.floating) else value)
     except OverflowError:
         x = math.inf
     if not math.isfinite(x) or x < low or x > high or (above is not None and x <= above):
@@ -99,7 +100,7 @@ def check_whole(name: str, value: object, *, low: int = 0, high: float = math.in
 def check_pair(name: str, value: object, check: Callable[..., Any] = check_number, **bounds: Any) -> Any:
     """Return one number per joint, each checked; a single number stands for both joints."""
     if isinstance(value, np.ndarray):
-        value = value.tolist()
+        value = [*value] if value.ndim else value[()]
     if isinstance(value, list | tuple):
         if len(value) != 2:
             raise ValueError(f"{name} must be one number, or one for each of the two joints, got {value!r}")

@@ -30,7 +30,7 @@ from benchmarks.run.suite import load
         ("evaluate zero --plot /dev/null/x.png", "must be a file that can be written, got '/dev/null/x.png': none can"),
         ("evaluate zero --seeds 10001", "must be at most 10000, the test seeds there are, got '10001'"),
         ("leaderboard --policies zero ./", "a folder with an agent.json, got './'"),
-        ("evaluate zero pid-flm --trace a.csv", "--trace is for one policy and one trial, got 2 and 1"),
+        ("evaluate zero --trials 2 --trace a.csv", "--trace is for one trial, got --trials 2"),
         ("evaluate zero --csv runs.txt", "must end in .csv, got 'runs.txt'"),
         ("leaderboard --suite idael", "unknown suite 'idael'; did you mean 'ideal'"),
         ("leaderboard --suite lost.toml", "fbl-gym: No such file or directory: lost.toml"),

@@ -147,6 +147,14 @@ def test_a_preview_that_no_scenario_has_is_a_reason(preview, tmp_path):
     assert cell.key
 
 
+@pytest.mark.parametrize("gain", ["kind", "access", "needs"])
+def test_a_gain_with_the_name_of_a_declaration_is_refused(gain, tmp_path):
+    text = "from dataclasses import dataclass\nfrom controllers.laws.simple import Zero\n@dataclass(frozen=True)\n"
+    (tmp_path / "law.py").write_text(f"{text}class make_policy(Zero):\n    {gain}: str = 'pd'\n")
+    assert f"gain '{gain}' of" in (problem := resolve(str(tmp_path / "law.py")).problem)
+    assert "must have another name: the name is reserved" in problem
+
+
 def test_the_board_runs_no_policy_that_breaks_a_promise(tmp_path):
     random = "import numpy as np\n" + LAW.format("return np.random.randn(len(observation), 2), state")
     (tmp_path / "shaky.py").write_text(random)

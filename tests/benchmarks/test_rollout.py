@@ -5,6 +5,7 @@ import dataclasses
 
 import numpy as np
 import pytest
+from scipy.io import loadmat
 
 import controllers
 from benchmarks.report.latex import escape, write_table
@@ -93,6 +94,9 @@ def test_a_file_has_the_numbers_of_the_table(signals, tmp_path, fbl_gym):
     (tmp_path / "short.toml").write_text(f'base = "{TASK}"\nduration = 0.4\n')
     line = ["evaluate", LAW, "--scenario", str(tmp_path / "short.toml"), "--seeds", "2"]
     fbl_gym([*line, "--trace", str(tmp_path / "trace.csv")])
+    fbl_gym([*line[:2], "zero", *line[2:], "--trace", str(tmp_path / "two.mat")])
+    own, zero = (loadmat(path) for path in sorted(tmp_path.glob("two-*.mat")))
+    assert np.count_nonzero(zero["command_1_Nm"]) == 2  # at the start, it holds the arm still
     with (tmp_path / "trace.csv").open() as file:
         rows = list(csv.DictReader(file))
     assert len(rows) == 2 * 41
@@ -100,6 +104,7 @@ def test_a_file_has_the_numbers_of_the_table(signals, tmp_path, fbl_gym):
     for name, numbers in signals.items():
         written = np.array([float(row[name]) for row in rows])
         np.testing.assert_allclose(written, numbers.ravel(), rtol=1e-9, err_msg=name)
+        np.testing.assert_array_equal(own[name].ravel(), numbers.ravel(), err_msg=name)
 
 
 @pytest.fixture(autouse=True)
@@ -128,6 +133,20 @@ def test_an_option_changes_where_its_path_leads():
     assert swept.parameter_error == dataclasses.replace(trained_on.parameter_error, radius=2.0)
 
 
+def test_a_factor_multiplies_both_joints_and_the_ends_of_a_distribution():
+    base = scenarios.get("servo-friction-2")
+    half = with_option(base, "friction.coulomb", 0.5, factor=True)
+    assert half.name == "servo-friction-2,friction.coulomb=x0.5"
+    for one, other in zip(half.friction.coulomb, base.friction.coulomb, strict=True):
+        np.testing.assert_array_equal(one.uniform, 0.5 * np.array(other.uniform))
+    limit = with_option(base, "actuator.torque_limit", 2.0, factor=True).actuator.torque_limit
+    np.testing.assert_array_equal(limit, 2.0 * np.array(base.actuator.torque_limit))
+    with pytest.raises(
+        ValueError, match=r"joint.stiffness must be numbers to multiply by x2, got None: give values with"
+    ):
+        with_option(base, "joint.stiffness", 2.0, factor=True)
+
+
 def test_a_sweep_goes_on_in_the_store(folder, fbl_gym):
     line = "sweep pd-gravity zero --over noise.position=1e-4:1e-2:log:3 --scenario arm.toml --seeds 2 --workers 1"
     fbl_gym(line)
@@ -145,6 +164,9 @@ def test_two_options_give_every_pair_of_values(folder, fbl_gym):
         ("2.0", "0.0"), ("2.0", "0.01"), ("4.0", "0.0"), ("4.0", "0.01"),
     ]  # fmt: skip
     drawn = (folder / "two.svg").read_text()
+    shown = fbl_gym("sweep zero --over arm.m2=x0.5:2:log:3 --scenario arm.toml --seeds 1 --workers 1").out
+    assert "factor on arm.m2" in shown
+    assert [run["arm.m2"] for run in rows("results/sweep.csv")] == ["0.5", "1.0", "2.0"]
     lost = fbl_gym("sweep zero --over arm.m2=2,4000 --scenario diverging.toml --seeds 2 --workers 1 --tex lost.tex").out
     assert "2 lost" in lost
     assert "arm.m2 [kg] & zero" in (folder / "lost.tex").read_text()

@@ -165,9 +165,10 @@ def test_step_response_of_a_known_second_order_system():
     assert row["overshoot_pct"] == pytest.approx(100 * np.exp(-np.pi * z / np.sqrt(1 - z * z)), rel=1e-3)
     settled = dt * (1 + np.flatnonzero(np.abs(response - 1) > 0.02).max())
     assert row["settling_s"] == pytest.approx(settled, abs=1.5e-3)
+    assert row["rise_s"] == pytest.approx(0.1637, abs=1e-3)  # 1.637 / w for this damping
     (other,) = measure(trace(ramp(50), ramp(50)))
     assert np.isnan(other["overshoot_pct"])
-    assert np.isnan(other["settling_s"])
+    assert np.isnan([other["settling_s"], other["rise_s"]]).all()
 
 
 def test_effort():
@@ -180,6 +181,7 @@ def test_effort():
     (row,) = measure(trace(ramp(n), ramp(n), torque=0.5 * torque, command=command, scenario=scenario))
     assert row["torque_rms"] == pytest.approx(0.5 * np.sqrt((50 * 100 + n * 400) / (2 * n)))
     assert row["variation"] == pytest.approx(0.5 * 100 * 10 / 1.01)
+    assert row["energy_J"] == pytest.approx(0.5 * (50 * 10 + 100 * 20) * np.diff(ramp(n)[:, 0]).mean())
     assert row["saturated_pct"] == pytest.approx(100.0)
     (row,) = measure(trace(ramp(n), ramp(n), torque=torque, command=0.5 * command, scenario=scenario))
     assert row["saturated_pct"] == 0.0

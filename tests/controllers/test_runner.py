@@ -240,13 +240,16 @@ def test_time_is_the_clocks_if_none_is_given():
     assert runner.stopped == ""
 
 
-def test_readings_two_samples_apart_are_in_time():
+def test_readings_two_samples_apart_are_in_time(tmp_path):
     """By any clock: 0.05 - 0.03 is more than 0.02, and the seconds since 1970 have few digits left."""
-    for start in (0.0, 1.7e9):
-        runner = Runner("pd-gravity", SCENARIO)
+    for start, number, dt in ((0.0, float, 0.01), (1.7e9, float, 1e-4), (500.0, np.float32, 0.001)):
+        scenario = SCENARIO.replace(control_dt=dt, physics_dt=dt)
+        runner = Runner("pd-gravity", scenario, log=tmp_path / "run.csv")
         for k in range(1, 100, 2):
-            runner.step([0.0, 0.0], np.zeros(6), time=start + 0.01 * k)
+            runner.step([0.0, 0.0], np.zeros(6), time=number(start + dt * k))
         assert runner.stopped == ""
+        runner.close()
+        assert np.loadtxt(tmp_path / "run.csv", delimiter=",", skiprows=1)[-1, 0] == pytest.approx(98 * dt, rel=1e-2)
 
 
 @pytest.mark.parametrize(

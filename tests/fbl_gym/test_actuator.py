@@ -3,7 +3,8 @@
 import numpy as np
 import pytest
 
-from fbl_gym import TABLE_1, TwoLinkArmEnv
+import controllers
+from fbl_gym import TABLE_1, TwoLinkArmEnv, TwoLinkArmTrackingEnv, TwoLinkArmTrackingVectorEnv
 from fbl_gym.model.arm import gravity_torque
 from tests.fbl_gym.episodes import started
 from tests.fbl_gym.paired_runs import play, torques, watch
@@ -20,6 +21,27 @@ def test_a_normalized_action_is_a_fraction_of_the_torque_limit():
     assert env.interface.torque_limit == (300.0, 50.0)
     env.step((0.25, -0.5))
     np.testing.assert_array_equal(env.truth.applied_torque, [75.0, -25.0])
+
+
+@pytest.mark.parametrize("plant", [None, "mujoco"])
+@pytest.mark.parametrize(("action", "acts"), [("normalized", 6.0), ("torque", 1.0), ("acceleration", None)])
+def test_a_joint_without_a_drive_moves_freely_and_laws_refuse_it(action, acts, plant):
+    if plant:
+        pytest.importorskip("mujoco")
+    options = {"scenario": "dfki-c1-acrobot", "action": action, "plant": plant, "info": True}
+    env, batch = TwoLinkArmTrackingEnv(**options), TwoLinkArmTrackingVectorEnv(2, **options)
+    for each in (env, batch):
+        each.reset(seed=0)
+        observation, reward, _, _, info = each.step(np.ones((2, 2) if each is batch else 2))
+        torque = np.atleast_2d(each.truth.applied_torque)
+        assert (torque[:, 0] == 0.0).all()
+        assert acts is None or (torque[:, 1] == acts).all()
+        assert np.isfinite(observation).all()
+        assert np.isfinite(reward).all()
+        np.testing.assert_array_equal(info["saturation"], 0.5 if acts == 6.0 else 0.0)
+    assert env.interface.torque_limit == (0.0, 6.0)
+    with pytest.raises(ValueError, match="ComputedTorque needs both drives"):
+        controllers.make("computed-torque", env)
 
 
 @pytest.mark.parametrize("late", [1, 3, 10, 13, 20, 37])

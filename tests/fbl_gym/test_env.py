@@ -10,14 +10,15 @@ from fbl_gym import TwoLinkArmEnv
 from tests.fbl_gym.episodes import ID, MUJOCO, RECORDS, TIGHT, TRACKING, started
 
 COSTS = {"constraints": TIGHT}
+PASSIVE = {"scenario": "dfki-c1-acrobot"}
 
 
 @pytest.mark.parametrize(
     ("name", "options"),
     [
-        *[(ID, options) for options in ({}, RECORDS, {"scenario": "everything-3"}, COSTS)],
-        *[(TRACKING, options) for options in ({}, RECORDS, {"scenario": "servo-delay-2"}, COSTS)],
-        *[(MUJOCO, options) for options in ({}, {"scenario": "everything-2"})],
+        *[(ID, options) for options in ({}, RECORDS, {"scenario": "everything-3"}, COSTS, PASSIVE)],
+        *[(TRACKING, options) for options in ({}, RECORDS, {"scenario": "servo-delay-2"}, COSTS, PASSIVE)],
+        *[(MUJOCO, options) for options in ({}, {"scenario": "everything-2"}, PASSIVE)],
     ],
     ids=lambda value: str(value)[:30],
 )

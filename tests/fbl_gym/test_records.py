@@ -38,6 +38,12 @@ def test_numbers_pairs_lists_and_arrays_make_equal_records():
     assert Scenario(sensors="position") == Scenario(sensors=["position"])
 
 
+def test_a_number_in_single_precision_is_as_it_is_printed():
+    single, pair = np.float32(0.01), np.array([0.1, 0.2], dtype=np.float32)
+    given = Scenario(control_dt=single, duration=np.float32(0.3), actuator={"torque_limit": pair, "delay": single})
+    assert given == Scenario(control_dt=0.01, duration=0.3, actuator={"torque_limit": (0.1, 0.2), "delay": 0.01})
+
+
 def test_one_value_stands_for_its_record():
     assert TwoLinkArmEnv(parameter_error=2.0).scenario.parameter_error == ParameterError(ratio=2.0)
     assert TwoLinkArmEnv(parameter_error={"payload": 3.0}).scenario.parameter_error.payload == Payload(3.0)

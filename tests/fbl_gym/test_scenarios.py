@@ -54,7 +54,7 @@ def test_the_names_are_figures_real_arms_and_the_families():
     errors = {f"{kind}-error" for kind in ("mass", "length", "mixed", "uniform", "larger", "smaller")}
     families = errors | {"payload", "noise", "stiction", "disturbance", "everything"}
     members = {"nominal"} | {f"{family}-{severity}" for family in families for severity in range(4)}
-    arms = {"dfki-c1", "dfki-a0", "cicese"}
+    arms = {"dfki-c1", "dfki-c1-acrobot", "dfki-c1-pendubot", "dfki-a0", "cicese"}
     tiers = {name for tier in scenarios.TIERS if tier != "ideal" for name in scenarios.in_tier(tier)}
     assert set(scenarios.in_tier("ideal", scenarios.SEVERITIES)) | {n for n in members if n[-2:] == "-0"} == members
     assert set(scenarios.names()) == figures | arms | members | tiers

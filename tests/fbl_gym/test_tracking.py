@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 from gymnasium.envs.registration import EnvSpec
 
-from fbl_gym import TwoLinkArmEnv, TwoLinkArmTrackingEnv
+from fbl_gym import TwoLinkArmEnv, TwoLinkArmTrackingEnv, TwoLinkArmTrackingVectorEnv, TwoLinkArmVectorEnv
 from fbl_gym.envs.error_scales import ErrorScales
 from tests.fbl_gym.episodes import ID, TRACKING
 
@@ -42,7 +42,14 @@ def test_the_spec_has_the_episodes_length_and_survives_json(name):
     assert (again.spec.max_episode_steps, again.unwrapped.scenario) == (60, env.unwrapped.scenario)
     batch = gym.make_vec(name, 2, "vector_entry_point", duration=0.3, max_episode_steps=20)
     assert batch.spec.max_episode_steps == 20
-    assert gym.make(name, max_episode_steps=50).spec.max_episode_steps == 50
+    assert [gym.make(name, max_episode_steps=n).spec.max_episode_steps for n in (50, 5000)] == [50, 1000]
+    assert EnvSpec.from_json(gym.make(name, max_episode_steps=5000).spec.to_json()).max_episode_steps == 1000
+
+
+def test_a_batch_has_gymnasiums_class_among_its_direct_bases():
+    """There skrl's `wrap_env` looks for it."""
+    for batch in (TwoLinkArmVectorEnv, TwoLinkArmTrackingVectorEnv):
+        assert gym.vector.VectorEnv in batch.__bases__
 
 
 OPTIONS = {"scenario": "everything-2", "duration": 0.5, "preview": 2, "actuator": {"delay": 0.01}}

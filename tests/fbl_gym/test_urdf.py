@@ -4,7 +4,6 @@ import mujoco
 import numpy as np
 import pytest
 
-import controllers
 from fbl_gym import Scenario, TwoLinkArmEnv
 from fbl_gym.model.arm import inverse_dynamics
 from fbl_gym.model.urdf import RobotFileWarning, load_urdf, read_robot
@@ -163,16 +162,6 @@ def test_an_environment_takes_arm_drives_and_friction_and_says_so(file, text, li
     with pytest.warns(RobotFileWarning):
         given = TwoLinkArmEnv("dfki-c1", arm=path, actuator={"torque_limit": 5.0, "gain": 0.9}, friction=None).scenario
     assert (given.actuator.torque_limit, given.actuator.gain, given.friction) == ((5.0, 5.0), (0.9, 0.9), None)
-
-
-def test_a_passive_joint_moves_freely_and_laws_refuse_it():
-    env = TwoLinkArmEnv("dfki-c1", actuator={"torque_limit": (0.0, 5.0)}, info=True)
-    env.reset(seed=0)
-    *_, info = env.step(np.ones(2))
-    assert env.unwrapped._batch.field("torque")[0].tolist() == [0.0, 5.0]
-    assert info["saturation"] == 0.5
-    with pytest.raises(ValueError, match="needs both drives"):
-        controllers.make("computed-torque", env.interface)
 
 
 def test_names_choose_joints_and_tip(file):

@@ -41,6 +41,7 @@ The fields of a block; the last axis is that of its lanes. Pairs are of both joi
     action, command: the last action, within its limits; its torque command [N m].
     late, age: further delay of the last command [physics steps]; age of the one that the drives
         follow [control steps].
+    judged: tracking error and command of the last step, which a restart leaves as they are.
     chatter: change of the command / torque limit, sum of both joints.
     target, lagged: command after delay and rate limit, then after the lag too [N m].
     torque: applied torque: the same times the gain, and the ripple [N m].
@@ -147,7 +148,7 @@ _FIELDS: dict[str, Any] = {
     "measured": (float, (3, 2)), "kept": (float, (2, 2)),
     "reference_position": _PAIR, "reference_velocity": _PAIR, "reference_acceleration": _PAIR,
     "start_position": _PAIR, "given_position": _PAIR, "given_velocity": _PAIR, "given_reference": float,
-    "far": float, "reward": float, "cost": float,
+    "far": float, "judged": (float, 4), "reward": float, "cost": float,
     "terminated": float, "truncated": float, "status": float,
     "seed": np.uint64, "episode": np.uint64, "step": np.uint64,
 }  # fmt: skip

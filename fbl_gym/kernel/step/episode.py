@@ -175,12 +175,14 @@ def judge(block, settings, width):
     last = np.uint64(settings.last_step)
     for lane in range(width):
         q, v, (r1, r2) = pair(block.position, lane), pair(block.velocity, lane), pair(block.reference_position, lane)
+        block.judged[0, lane], block.judged[1, lane] = r1 - q[0], r2 - q[1]
         error1, error2 = abs(r1 - q[0]), abs(r2 - q[1])
         block.far[lane] = block.far[lane] + 1.0 if larger(error1, error2) > settings.max_error else 0.0
         keeps = _keeps(q, v, constraints)
         near = _is_near(q, v, pair(block.start_position, lane), limits)
         stays = near & (block.far[lane] < settings.error_steps) & (keeps | (not ends))
         tau1, tau2 = pair(block.command, lane)
+        block.judged[2, lane], block.judged[3, lane] = tau1, tau2
         effort = 0.5 * (abs(tau1) / scale1 + abs(tau2) / scale2)
         chatter = 0.25 * block.chatter[lane]
         loss = weight1 * _tracking_loss(error1 + error2, form) + weight2 * effort + weight3 * chatter

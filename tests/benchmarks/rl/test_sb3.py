@@ -12,12 +12,12 @@ import numpy as np
 import pytest
 from stable_baselines3.common.evaluation import evaluate_policy
 from stable_baselines3.common.monitor import Monitor
-from stable_baselines3.common.vec_env import DummyVecEnv, VecFrameStack
+from stable_baselines3.common.vec_env import DummyVecEnv, VecFrameStack, VecNormalize
 
 import controllers
 import fbl_gym
 from benchmarks.agents.adapter import AdapterSettings
-from benchmarks.agents.sb3 import ALGORITHMS, find_class, load_zip
+from benchmarks.agents.sb3 import ALGORITHMS, find_class, load_zip, statistics
 from benchmarks.policies.loading import Untrusted
 from benchmarks.policies.spec import resolve
 from benchmarks.training.export import export
@@ -141,12 +141,29 @@ def test_a_file_declares_how_far_an_archive_sees(tmp_path, monkeypatch):
     assert broken_promises(str(tmp_path / "ahead.py"), "servo-nominal") == []
 
 
-@pytest.mark.parametrize("padding", ["first observation", "zeros"])
-def test_an_archive_of_stacked_frames_acts_on_the_arm_as_it_was_saved(padding, tmp_path):
-    """In a later episode, too."""
+def normalized(env, folder):
+    """Return an environment behind `VecNormalize`, with statistics that are saved in a folder."""
+    env = VecNormalize(env, norm_reward=False)
+    env.reset()
+    for _ in range(30):
+        env.step(np.array([env.action_space.sample()]))
+    env.training = False
+    env.save(folder / "vecnormalize.pkl")
+    return env
+
+
+@pytest.mark.parametrize(
+    ("padding", "place"),
+    [("first", ""), ("zeros", ""), ("first", "outside"), ("zeros", "outside"), ("zeros", "inside")],
+)
+def test_an_archive_of_stacked_frames_acts_on_the_arm_as_it_was_saved(padding, place, tmp_path):
+    """In a later episode, and with the statistics of `VecNormalize` outside or inside of the stack, too."""
     env = TwoLinkArmTrackingEnv("servo-delay-2", duration=0.1, preview=2)
-    frames = gymnasium.wrappers.FrameStackObservation(env, 3)
-    stacked = VecFrameStack(DummyVecEnv([lambda: env]), 3) if padding == "zeros" else DummyVecEnv([lambda: frames])
+    frames = gymnasium.wrappers.FrameStackObservation(env, 3) if padding != "zeros" else env
+    stacked = DummyVecEnv([lambda: frames])
+    stacked = normalized(stacked, tmp_path) if place == "inside" else stacked
+    stacked = VecFrameStack(stacked, 3) if padding == "zeros" else stacked
+    stacked = normalized(stacked, tmp_path) if place == "outside" else stacked
     model, path = save_model(tmp_path, stacked)
     lanes = TwoLinkArmVectorEnv(1, "servo-delay-2", duration=0.1, preview=2, autoreset_mode="SameStep")
     archive = load_zip(path, lanes.interface, trust=True)
@@ -159,6 +176,21 @@ def test_an_archive_of_stacked_frames_acts_on_the_arm_as_it_was_saved(padding, t
         np.testing.assert_allclose(mine, action, atol=2e-3)  # the first action is from measured positions
         a, _, starts, _ = stacked.step(action)
         b, *_ = lanes.step(action)
+
+
+def test_the_statistics_of_an_archive_are_the_nearest_and_part_of_its_key(tmp_path):
+    _, path = save_model(tmp_path, TwoLinkArmEnv())
+    checkpoint = path.with_name("rl_model_64_steps.zip")
+    without = resolve(str(path), trust=True)
+    (tmp_path / "vecnormalize.pkl").write_bytes(b"no pickle")
+    assert statistics(path) == statistics(checkpoint) == [tmp_path / "vecnormalize.pkl"]
+    assert "vecnormalize.pkl" in resolve(str(path), trust=True).data.keys() - without.data.keys()
+    with pytest.raises(ValueError, match=r"vecnormalize\.pkl must be a file that VecNormalize's save wrote"):
+        load_zip(path, TwoLinkArmEnv().interface, trust=True)
+    normalized(DummyVecEnv([TwoLinkArmTrackingEnv]), tmp_path)
+    (tmp_path / "vecnormalize.pkl").rename(tmp_path / "rl_model_vecnormalize_64_steps.pkl")
+    assert statistics(checkpoint) == [tmp_path / "rl_model_vecnormalize_64_steps.pkl"]
+    assert statistics(path) == []
 
 
 def test_an_archive_of_the_tracking_environment_acts_on_any_arm(tmp_path):
