@@ -1,6 +1,5 @@
-"""Checks of the board: coverage, where rows end, the sealed test, orders in two worlds, learning curves."""
+"""Checks of the board: coverage, the sealed test, orders in two worlds, learning curves."""
 
-import dataclasses
 import json
 
 import numpy as np
@@ -11,12 +10,11 @@ from benchmarks.analysis.board import assemble
 from benchmarks.analysis.curves import read_groups
 from benchmarks.analysis.statistics import Estimate
 from benchmarks.analysis.transfer import Runs, compare_halves, compare_orders
-from benchmarks.run.cell import Cell
 from benchmarks.run.runner import run_cell
 from benchmarks.run.suite import Suite
-from benchmarks.studies import ends, sealed
+from benchmarks.studies import sealed
 from fbl_gym import scenarios
-from fbl_gym.scenarios.classes import CLASSES, families
+from fbl_gym.scenarios.classes import families
 from tests import board_coverage
 
 FAMILIES = tuple(families("servo"))
@@ -47,25 +45,6 @@ def test_coverage_counts_the_intervals_that_hold():
     one = np.ones(1)
     assert board_coverage._holds(Estimate(one, one, 2 * one), Estimate(2 * one, one, one)) == [1.0]
     assert board_coverage._holds(Estimate(one, one, 2 * one), Estimate(3 * one, one, one)) == [0.0]
-
-
-def test_where_a_row_ends():
-    (result,) = (run_cell(Cell("pd-gravity", scenarios.get("nominal").replace(duration=0.5), (0, 1))),)
-
-    def of(factor, lost=0.0):
-        rows = tuple({**row, "error_pct": factor * row["error_pct"], "diverged": lost} for row in result.rows)
-        return dataclasses.replace(result, rows=rows)
-
-    assert ends.end({1: of(1.0), 2: of(1.9)}) == "–"
-    assert ends.end({1: of(1.0), 2: of(2.1), 4: of(9.0)}) == "2: 2.1 ×"
-    assert ends.end({1: of(1.0), 2: of(1.5, lost=0.5)}) == "2: 50 % lost"
-    assert ends.end({1: dataclasses.replace(result, rows=(), error="no")}) == "1: fails"
-
-
-@pytest.mark.parametrize("robot", CLASSES)
-def test_each_push_is_another_scenario(robot):
-    for tasks in ends.axes(robot).values():
-        assert len({str(task.to_dict()) for task in tasks.values()}) == len(tasks)
 
 
 def test_the_sealed_test_is_drawn_from_the_version():

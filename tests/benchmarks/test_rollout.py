@@ -199,7 +199,7 @@ def test_columns_of_numbers_are_to_the_right(tmp_path):
 @pytest.mark.parametrize(
     ("line", "rows", "columns"),
     [
-        ("evaluate pd-gravity --plot lines.png", 20, 3),
+        ("evaluate pd-gravity --plot lines.png", 15, 3),
         ("evaluate pd-gravity zero --plot lines.png", 2, 6),
         ("evaluate pd-gravity zero --trials 2", 2, 3),
         ("sweep pd-gravity zero --over arm.m2=14,15,16 --workers 1", 3, 3),
