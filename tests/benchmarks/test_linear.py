@@ -205,7 +205,7 @@ def test_rows_of_the_boards_are_stable_up_to_their_margins(robot, policy):
     spec, task = resolve(policy), linear._without_jitter(get(f"{robot}-nominal"))
     margins, truth = linearize(policy, task).margins(), make_env(spec, task, 1)
     truth.reset(seed=[0])
-    told, delay = task.actuator.datasheet(task)["delay"], float(truth.truth.delay[0])
+    told, delay = task.actuator.facts(task)["delay"], float(truth.truth.delay[0])
     _, learned, _ = linear._run(spec, task, POINT, 0)
     calm = linear._calm(task, spec).replace(
         reference=AT_REST, initial_error=0.0, duration=9.0, physics_dt=1e-4, datasheet={"delay": sum(told) / 2}
