@@ -71,11 +71,12 @@ class ErrorScales:
             parts.append(columns("previous_actions", scale=[limit or 1.0 for limit in interface.action_limit]))
         self.columns = np.concatenate(parts)
         self.size = len(self.columns)
+        self._numbers = self.columns.reshape(-1)  # to reshape at each step takes time
 
     def __call__(self, observations: Array, dtype: Any = np.float64) -> Array:
         """Return observations [... x layout.size] in error coordinates, [... x size]."""
         out = np.empty((*observations.shape[:-1], self.size), dtype)
-        subtract_and_scale(observations.reshape(-1), self.columns.reshape(-1), out.reshape(-1))
+        subtract_and_scale(observations.reshape(-1), self._numbers, out.reshape(-1))
         return out
 
     def single_precision(self, observations: Array, infos: dict[str, Any] | None = None) -> Any:

@@ -32,7 +32,7 @@ _TOLERANCE = 0.01
 
 
 class RobotFileWarning(UserWarning):
-    """What was read from the file of a robot, and what was neglected."""
+    """Statement on what was read from the file of a robot, and what was neglected."""
 
 
 class _Joint(NamedTuple):

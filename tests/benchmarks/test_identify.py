@@ -117,7 +117,7 @@ def test_logs_as_people_have_them(rows, tmp_path, change, factors, signals):
 
 
 def test_logs_of_matlab_and_traces(rows, tmp_path):
-    """Of a trace, the readings and the commands are meant, not what acted."""
+    """The readings and the commands of a trace are meant, not what acted."""
     savemat(tmp_path / "run.mat", {"t": rows[0][:, 0], "q": rows[0][:, 1:3], "u": rows[0][:, 3:].T})
     assert read(tmp_path / "run.mat").position == pytest.approx(read(write(tmp_path / "a.csv", rows[0])).position)
     more = np.hstack([rows[0], rows[0][:, 1:] + 1.0])
