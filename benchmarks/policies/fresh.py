@@ -1,8 +1,11 @@
 """The server of isolated calls (`isolation.py`), run as a script with a socket and the search path.
 
-It imports what a call needs and runs no call itself: for each it divides, and the new process runs
+It imports what a cell needs and runs no call itself: for each it divides, and the new process runs
 the call in a session of its own, whose group it cannot leave. The group ends with the call, or when
 the parent has ended.
+
+It imports nothing later. A key follows what a policy imports (`key.py`), so what a new process has
+must not depend on the calls before.
 """
 
 import sys
@@ -11,7 +14,6 @@ if __name__ == "__main__":
     sys.path[:] = sys.argv[2:]  # before any other import: the script's folder is no place for modules
 
 import contextlib
-import importlib
 import os
 import pickle
 import random
@@ -41,11 +43,9 @@ def divide(parent: socket.socket) -> list[int]:
     The parent gets the number of that process, and its exit status when it has ended.
     """
     while True:
-        module, files, _, _ = socket.recv_fds(parent, 1000, 3)
-        if not module:
+        request, files, _, _ = socket.recv_fds(parent, 1, 3)
+        if not request:
             os._exit(0)
-        if module.startswith(b"benchmarks."):
-            importlib.import_module(module.decode())  # once for all calls
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", DeprecationWarning)  # the threads of a library, which expects a fork
             call = os.fork()
@@ -104,6 +104,7 @@ def serve(request_file: int, answer_file: int, prints: int) -> None:
 
 
 if __name__ == "__main__":
+    import benchmarks.run.runner  # noqa: F401  with all that a cell needs
     from fbl_gym.envs.vector_env import TwoLinkArmVectorEnv
 
     env = TwoLinkArmVectorEnv(2)  # loads the compiled functions

@@ -80,7 +80,7 @@ def run_isolated(function: Callable[..., Answer], *arguments: Any, limits: CallL
         pickle.dump((function, arguments), request)
         request.seek(0)
         try:
-            status = _call(function.__module__, (request, answer, prints), limits.seconds)
+            status = _call((request, answer, prints), limits.seconds)
         finally:
             prints.seek(0)
             if text := prints.read(MOST_PRINTED):
@@ -113,8 +113,8 @@ _ARRAYS = {
 }  # fmt: skip
 
 
-def _call(module: str, files: Sequence[IO[bytes]], seconds: float) -> int:
-    """Run a call of a module's function in a new process; return the process's exit status.
+def _call(files: Sequence[IO[bytes]], seconds: float) -> int:
+    """Run a call in a new process; return the process's exit status.
 
     The files are for its request, its answer and its prints.
     """
@@ -132,7 +132,7 @@ def _call(module: str, files: Sequence[IO[bytes]], seconds: float) -> int:
         call, status = 0, b""
         try:
             server.settimeout(LONGEST_START)
-            socket.send_fds(server, [module.encode()], [file.fileno() for file in files])
+            socket.send_fds(server, [b"1"], [file.fileno() for file in files])
             call = int.from_bytes(server.recv(4), "little")
             server.settimeout(min(seconds, 1e6))
             status = server.recv(4)

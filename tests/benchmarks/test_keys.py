@@ -9,7 +9,9 @@ from pathlib import Path
 import pytest
 
 from benchmarks.agents.policy import SHIPPED
+from benchmarks.cli.common import command_line
 from benchmarks.policies import key as keys
+from benchmarks.policies.isolation import run_isolated
 from benchmarks.policies.spec import PolicySpec, _resolved, resolve
 from benchmarks.run.cell import Cell
 from benchmarks.run.runner import run_cell
@@ -245,6 +247,8 @@ def test_every_module_of_the_arm_is_in_the_key():
 
 
 def test_the_key_follows_the_version_of_an_installed_package(tmp_path):
+    """Whatever calls came before in other processes: one of them has imported it."""
+    run_isolated(command_line)
     (tmp_path / "law.py").write_text(f"import rich\n{LAW}")
     assert "rich" in Cell(str(tmp_path / "law.py"), "nominal", (0,)).identity["packages"]
 
