@@ -1,6 +1,6 @@
 """The server of isolated calls (`isolation.py`), run as a script with a socket and the search path.
 
-It imports what a cell needs and runs no call itself: for each it divides, and the new process runs
+It imports what most calls need and runs no call itself: for each it divides, and the new process runs
 the call in a session of its own, whose group it cannot leave. The group ends with the call, or when
 the parent has ended.
 
@@ -104,7 +104,7 @@ def serve(request_file: int, answer_file: int, prints: int) -> None:
 
 
 if __name__ == "__main__":
-    import benchmarks.run.runner  # noqa: F401  with all that a cell needs
+    import benchmarks.policies.spec  # noqa: F401  most of what a call needs
     from fbl_gym.envs.vector_env import TwoLinkArmVectorEnv
 
     env = TwoLinkArmVectorEnv(2)  # loads the compiled functions
