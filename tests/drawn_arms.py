@@ -19,6 +19,7 @@ from benchmarks.run.cell import Cell
 from benchmarks.run.runner import run as run_cells
 from benchmarks.run.store import Result, Store
 from benchmarks.run.suite import Suite
+from benchmarks.studies.linear import LEAST_DELAY, LEAST_PHASE
 from benchmarks.studies.recommend import Likeness, candidates, recommend
 from benchmarks.studies.sealed import draw_arm
 from benchmarks.tuning.brief import tasks_of, tune_briefly, write_best
@@ -70,11 +71,20 @@ def main(argv: Sequence[str] | None = None) -> None:
     good = []
     for base in map(draw, arguments.arms):
         begin = partial(
-            tune_briefly, base, trials=arguments.trials, report=lambda *_: None, workers=workers, command=""
+            tune_briefly,
+            base,
+            trials=arguments.trials,
+            margins=(LEAST_PHASE, LEAST_DELAY),
+            report=lambda *_: None,
+            workers=workers,
+            command="",
         )
         policies = arguments.policies or candidates(Likeness.of(base).classes)
         result = recommend(base, policies, arguments.seeds, run, begin if arguments.trials else None)
-        tasks = [dataclasses.replace(task, scenarios=task.scenarios[:1]) for task in tasks_of(base, arguments.laws)]
+        tasks = [
+            dataclasses.replace(task, scenarios=task.scenarios[:1])
+            for task in tasks_of(base, arguments.laws, (LEAST_PHASE, LEAST_DELAY))
+        ]
         for task in tasks:
             open_study(task, STORAGE)
         for _, answer in run_parallel(search, tasks, workers):

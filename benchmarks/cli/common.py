@@ -16,6 +16,7 @@ from benchmarks.run.cell import Cell
 from benchmarks.run.runner import run as run_cells
 from benchmarks.run.store import Result, Store
 from benchmarks.seeds import SPLITS
+from benchmarks.studies.linear import LEAST_DELAY, LEAST_PHASE
 from controllers.name import PolicyName
 from fbl_gym import Scenario, scenarios
 
@@ -139,3 +140,9 @@ def trust(arguments: argparse.Namespace) -> None:
     for option in ("policies", "policy"):
         if given := getattr(arguments, option, None):
             setattr(arguments, option, parse(given) if isinstance(given, str) else [*map(parse, given)])
+
+
+def add_margins(parser: argparse.ArgumentParser, phase: str, delay: str) -> None:
+    """Add the options for the margins that are asked for, each with its meaning."""
+    add_option(parser, "--least-phase", float, LEAST_PHASE, "DEG", phase)
+    add_option(parser, "--least-delay", float, LEAST_DELAY, "SAMPLES", delay)

@@ -8,7 +8,7 @@ from functools import partial
 import numpy as np
 from rich.progress import Progress
 
-from benchmarks.cli.common import RUN, add, add_option, command_line, episodes, results_by_id, trust
+from benchmarks.cli.common import RUN, add, add_margins, add_option, command_line, episodes, results_by_id, trust
 from benchmarks.report.terminal import Screen, table
 from benchmarks.studies import recommend
 from benchmarks.studies.recommend import RULE, Likeness, Recommendation
@@ -24,8 +24,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--policies", nargs="+", metavar="POLICY", help=candidates)
     meaning = "trials of each of the best laws in each of three rounds, into results/gains/SCENARIO; 0: none"
     add_option(parser, "--trials", int, 20, "N", meaning)
-    add_option(parser, "--least-phase", float, recommend.LEAST_PHASE, "DEG", "least phase margin of a safe policy")
-    add_option(parser, "--least-delay", float, recommend.LEAST_DELAY, "SAMPLES", "least delay margin of a safe policy")
+    add_margins(parser, "least phase margin of a safe policy", "least delay margin of a safe policy")
     add_option(parser, "--seeds", episodes, 16, "N", "test seeds 0 to N-1")
     add(parser, *RUN)
 
@@ -42,19 +41,19 @@ def run(arguments: argparse.Namespace) -> int:
     likeness = Likeness.of(base)
     policies = arguments.policies or recommend.candidates(tuple(dict.fromkeys((*likeness.classes, base.robot_class))))
     Screen().say(likeness.text)
-    tune = partial(_tune, base, trials, arguments.workers) if trials else None
     bounds = arguments.least_phase, arguments.least_delay
+    tune = partial(_tune, base, trials, arguments.workers, bounds) if trials else None
     result = recommend.recommend(base, policies, arguments.seeds, run_cells, tune, bounds)
     _print(result)
     return 0 if result.safe else 1
 
 
-def _tune(base: Scenario, trials: int, workers: int, policies: Sequence[str]) -> list[str]:
+def _tune(base: Scenario, trials: int, workers: int, bounds: tuple[float, float], policies: Sequence[str]) -> list[str]:
     """Tune the laws of some policies, and show the progress."""
     with Progress(*Progress.get_default_columns(), console=Screen(stderr=True)) as progress:
         bar = progress.add_task("tuning", total=1.0)
         return tune_briefly(
-            base, policies, trials, workers=workers, command=command_line(),
+            base, policies, trials, bounds, workers=workers, command=command_line(),
             report=lambda share, news: progress.update(bar, completed=share, description=f"tuning, {news}"),
         )  # fmt: skip
 

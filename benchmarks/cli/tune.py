@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from benchmarks.cli.common import add, add_option, command_line, count, refuse_judged
+from benchmarks.cli.common import add, add_margins, add_option, command_line, count, refuse_judged
 from benchmarks.policies.isolation import Failed, run_parallel
 from benchmarks.policies.spec import resolve
 from benchmarks.run.expansion import distinguish, expand
@@ -29,6 +29,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--scenarios", nargs="+", action="extend", metavar="S", help=tasks)
     practice = "tune on the practice of a class (servo)"
     parser.add_argument("--class", dest="robot", choices=tuple(CLASSES), default="servo", help=practice)
+    add_margins(parser, "phase margin below which gains pay", "delay margin below which gains pay")
     shared = "database of the studies, as for Optuna, which processes and machines may share"
     add_option(parser, "--storage", str, search.STORAGE, "URL", shared)
     add(parser, "--workers", default=1, help="processes, a policy each (1)")
@@ -46,7 +47,7 @@ def run(arguments: argparse.Namespace) -> int:
         if arguments.ship and (policy.external or policy.parsed.gains or policy.parsed.tuned):
             raise ValueError(f"--ship is for the laws that fbl-gym comes with, got {policy.name!r}: give --out instead")
         task, judging = (
-            Task(policy, _scenarios(arguments, usual), numbers)
+            Task(policy, _scenarios(arguments, usual), numbers, (arguments.least_phase, arguments.least_delay))
             for usual, numbers in zip(search.scenarios_of(arguments.robot), (tried, fresh), strict=True)
         )
         search.open_study(task, arguments.storage)  # here, since no two processes may create a database at once

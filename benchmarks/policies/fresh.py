@@ -1,8 +1,8 @@
 """The server of isolated calls (`isolation.py`), run as a script with a socket and the search path.
 
-It imports what most calls need and runs no call itself: for each it divides, and the new process runs
-the call in a session of its own, whose group it cannot leave. The group ends with the call, or when
-the parent has ended.
+It imports what most calls need and runs no call itself: for each it divides, and the new process
+runs the call in a session of its own, whose group it cannot leave. The group ends with the call, or
+when the parent has ended.
 
 It imports nothing later. A key follows what a policy imports (`key.py`), so what a new process has
 must not depend on the calls before.

@@ -9,7 +9,7 @@ circle.
 
 import dataclasses
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -21,7 +21,7 @@ from threadpoolctl import threadpool_limits
 
 from benchmarks.policies.spec import PolicySpec, resolve
 from benchmarks.run.rollout import make_env, reference_motion
-from controllers.base import leaves, map_state
+from controllers.base import leaves, map_state, where_lanes
 from controllers.oracles.true_arm import TrueArm
 from fbl_gym.interface import Interface
 from fbl_gym.kernel.batch import Truth
@@ -33,6 +33,9 @@ from fbl_gym.scenarios import Scenario, as_scenario
 
 POINT: Pair = (-1.0, 0.5)
 """A point within the default motion at which gravity acts on both joints [rad]."""
+
+LEAST_PHASE, LEAST_DELAY = 30.0, 0.5
+"""The phase margin [degrees] and delay margin [samples] that a policy should have."""
 
 MEASURED = ("position", "velocity", "acceleration", "previous_actions")
 """The slots of the observation that depend on the arm. The reference is held."""
@@ -253,6 +256,19 @@ def linearize(
         NotLinear: the policy reads the true state, the drives are too weak, or the law is not
             linear even for small deviations.
     """
+    (loop,) = linearize_all(policy, scenario, at, [seed])
+    if isinstance(loop, NotLinear):
+        raise loop
+    return loop
+
+
+def linearize_all(
+    policy: PolicySpec | str, scenario: Scenario | str | None, at: Pair, seeds: Sequence[int], **gains: Any
+) -> list[LinearLoop | NotLinear]:
+    """Return the loop of a policy with the arm of each seed, or why it has none; see `linearize`.
+
+    `gains` take the place of the policy's.
+    """
     scenario, spec = _without_jitter(as_scenario(scenario)), resolve(policy)
     point, zero = check_pair("at", at), (0.0, 0.0)
     if not spec.ranked:
@@ -260,20 +276,35 @@ def linearize(
     reference = ArrayReference(position=(point,) * 2, velocity=(zero,) * 2, acceleration=(zero,) * 2)
     duration = SETTLING + scenario.control_dt
     calm = _calm(scenario, spec).replace(reference=reference, initial_error=0.0, duration=duration)
-    env = make_env(spec, calm, 1)
-    actor = spec.make(env)
-    observation, state, error = _run(spec, scenario, point, seed)
+    env = make_env(spec, calm, len(seeds))
+    actor = spec.make(env, **gains)
+    observation, state, errors, lost = _run(spec, scenario, point, seeds, gains)
+    loops: list[LinearLoop | NotLinear] = []
     with np.errstate(invalid="ignore", divide="ignore"):  # a state may be moved beyond its bounds
-        observation, state, truth = _rest(env, actor, seed, observation, state)
-        limit = scenario.actuator.torque_limit
-        if limit is not None and np.any(np.abs(truth.applied_torque) > truth.gain * np.array(limit)):
-            raise NotLinear("the drives cannot hold the arm there")
-        for _ in range(2):  # samples in which an agent decides
+        for rest, error in zip(_rest(env, actor, seeds, observation, state, lost), errors, strict=True):
             try:
-                return _loop(calm, env.interface, truth, actor, observation, state, error)
-            except NotLinear:
-                _, state = actor.predict(observation[None], state=state, deterministic=True)
-        return _loop(calm, env.interface, truth, actor, observation, state, error)
+                loops.append(_loop_at(calm, scenario.actuator.torque_limit, env.interface, actor, *rest, error))
+            except NotLinear as reason:
+                loops.append(reason)
+    return loops
+
+
+def _loop_at(
+    scenario: Scenario, limit: Any, interface: Interface, actor: Any, observation: Array, state: Any, truth: Truth,
+    error: float,
+) -> LinearLoop:  # fmt: skip
+    """Return the loop at a point, or a sample or two later if an agent decides at it.
+
+    The drives that hold the arm there have the torque `limit`.
+    """
+    if limit is not None and np.any(np.abs(truth.applied_torque) > truth.gain * np.array(limit)):
+        raise NotLinear("the drives cannot hold the arm there")
+    for _ in range(2):
+        try:
+            return _loop(scenario, interface, truth, actor, observation, state, error)
+        except NotLinear:
+            _, state = actor.predict(observation[None], state=state, deterministic=True)
+    return _loop(scenario, interface, truth, actor, observation, state, error)
 
 
 def margins_as_data(
@@ -298,45 +329,69 @@ def _without_jitter(scenario: Scenario) -> Scenario:
     return scenario.replace(actuator=dataclasses.replace(drive, jitter=0.0, delay=delay))
 
 
-def _run(spec: PolicySpec, scenario: Scenario, point: Pair, seed: int) -> tuple[Array | None, Any, float]:
-    """Return observation [1 x size], state and root mean square error [rad] after an episode.
+def _run(
+    spec: PolicySpec, scenario: Scenario, point: Pair, seeds: Sequence[int], gains: dict[str, Any]
+) -> tuple[Array, Any, Array, Array]:
+    """Return observation [n x size], state, root mean square error [n] rad after an episode.
 
-    The episode ends at rest at a point. One that diverges leaves no observation and no state.
+    The episode has the motion of the first seed and ends at rest at a point. The last part of the
+    answer marks the arms that diverged [n]; their error counts as 1 mrad.
     """
     every = math.ceil(0.02 / scenario.control_dt)
-    motion = reference_motion(scenario, [seed])[0, ::every, 0]
+    motion = reference_motion(scenario, seeds[:1])[0, ::every, 0]
     share = np.minimum(np.linspace(0.0, 1.5, 75), 1.0)[:, None]
     last = motion[-1] + (np.array(point) - motion[-1]) * share**3 * (10.0 - 15.0 * share + 6.0 * share**2)
     rows, dt = np.concatenate([motion, last]), every * scenario.control_dt
     reference = ArrayReference(position=tuple(map(tuple, rows)), dt=dt)
     scenario = scenario.replace(reference=reference, duration=len(rows) * dt)
-    env, state, squares = make_env(spec, scenario, 1), None, []
-    actor, (observation, _) = spec.make(env), env.reset(seed=[seed])
+    env, state, squares, lost = make_env(spec, scenario, len(seeds)), None, [], np.zeros(len(seeds), dtype=bool)
+    actor, (observation, _) = spec.make(env, **gains), env.reset(seed=[*seeds])
     for _ in range(scenario.steps - 1):
         action, state = actor.predict(observation, state=state, deterministic=True)
         observation, _, terminated, _, _ = env.step(action)
-        if terminated[0]:
-            return None, None, 1e-3
-        squares.append((env.truth.reference - env.truth.position) ** 2)
-    return observation, state, float(np.sqrt(np.mean(squares)))
+        lost |= terminated
+        squares.append(np.mean((env.truth.reference - env.truth.position) ** 2, axis=1))
+    return observation, state, np.where(lost, 1e-3, np.sqrt(np.mean(squares, axis=0))), lost
 
 
-def _rest(env: Any, actor: Any, seed: int, last: Array | None, learned: Any) -> tuple[Array, Any, Truth]:
-    """Return observation [size], the policy's state and the true state at rest.
+def _rest(
+    env: Any, actor: Any, seeds: Sequence[int], last: Array, learned: Any, lost: Array
+) -> Iterator[tuple[Array, Any, Truth]]:
+    """Yield observation [size], the policy's state and the true state at rest of each arm.
 
-    An arm that does not come to rest has the `last` observation and what is `learned`.
+    An arm that does not come to rest has the `last` observation and what is `learned`. A policy
+    that `lost` its arm begins anew.
     """
-    start, _ = env.reset(seed=[seed])
-    dt, held, observation, state = env.scenario.control_dt, env.truth, start, learned
+    observation, _ = env.reset(seed=[*seeds])
+    if lost.any():
+        last = np.where(lost[:, None], observation, last)
+        fresh = None if lost.all() else actor.predict(observation, deterministic=True)[1]
+        learned = None if fresh is None else where_lanes(lost, fresh, learned)
+    dt, state, lost = env.scenario.control_dt, learned, np.zeros(len(seeds), dtype=bool)
+    points = {i: (last[i], _lane(learned, i), _lane_of(env.truth, i)) for i in range(len(seeds))}
+    moving = {*points}
     for k in range(round(SETTLING / dt)):
         action, state = actor.predict(observation, state=state, deterministic=True)
         observation, _, terminated, _, _ = env.step(action)
-        if terminated[0]:
+        lost = lost | terminated
+        if (k + 1) % round(1.0 / dt) == 0:
+            truth = env.truth
+            speeds = np.abs(np.concatenate([truth.velocity, truth.acceleration], axis=1)).max(axis=1)
+            for i in moving & {*np.flatnonzero(speeds < 1e-6).tolist()} - {*np.flatnonzero(lost).tolist()}:
+                points[i] = observation[i], _lane(state, i), _lane_of(truth, i)
+                moving.remove(i)
+        if lost[[*moving]].all():
             break
-        truth = env.truth if (k + 1) % round(1.0 / dt) == 0 else None
-        if truth and np.abs(truth.velocity).max() < 1e-6 > np.abs(truth.acceleration).max():
-            return observation[0], state, truth
-    return (start if last is None else last)[0], learned, held
+    yield from points.values()
+
+
+def _lane(state: Any, lane: int) -> Any:
+    """Return a lane's part of a policy's state, as that of one lane."""
+    return None if state is None else map_state(lambda part: np.asarray(part)[lane : lane + 1], state)
+
+
+def _lane_of(truth: Truth, lane: int) -> Truth:
+    return dataclasses.replace(truth, **{name: value[lane : lane + 1] for name, value in vars(truth).items()})
 
 
 def _calm(scenario: Scenario, spec: PolicySpec) -> Scenario:

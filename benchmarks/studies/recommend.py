@@ -24,7 +24,7 @@ from benchmarks.run.rollout import reference_motion
 from benchmarks.run.store import Result
 from benchmarks.run.suite import OTHER_TASKS, Suite
 from benchmarks.seeds import SPLITS
-from benchmarks.studies.linear import Margins, Unstable, margins_as_data
+from benchmarks.studies.linear import LEAST_DELAY, LEAST_PHASE, Margins, Unstable, margins_as_data
 from fbl_gym.model.arm import ArmParameters, Array, gravity_torque, inverse_dynamics, stretched_inertia
 from fbl_gym.options import Datasheet, Friction, PiecewiseConstantDisturbance, SensorError
 from fbl_gym.records.record import Distribution, ends, middle, scaled
@@ -66,9 +66,6 @@ KINDS = (
     "saturation",
 )  # fmt: skip
 """What a condition pushes; "everything" pushes all but the saturation, half as far."""
-
-LEAST_PHASE, LEAST_DELAY = 30.0, 0.5
-"""A policy is not safe with a smaller phase margin [degrees] or delay margin [samples]."""
 
 
 @dataclass(frozen=True)

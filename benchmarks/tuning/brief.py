@@ -37,7 +37,7 @@ def practice(base: Scenario) -> Scenario:
     return base.replace(reference=motion, duration=min(base.duration, 4.8), events=(), plant=None)
 
 
-def tasks_of(base: Scenario, policies: Sequence[str]) -> list[Task]:
+def tasks_of(base: Scenario, policies: Sequence[str], margins: tuple[float, float]) -> list[Task]:
     """Return a task for each built-in law with gains to tune, of the policies in their order.
 
     Its scenarios are the arm as described, and with everything larger at once.
@@ -48,14 +48,15 @@ def tasks_of(base: Scenario, policies: Sequence[str]) -> list[Task]:
     for spec in map(resolve, policies):
         if not spec.parsed.gains and not spec.external:
             try:
-                tasks.setdefault(spec.parsed.law, Task(resolve(spec.parsed.law), scenarios, SEEDS))
+                tasks.setdefault(spec.parsed.law, Task(resolve(spec.parsed.law), scenarios, SEEDS, margins))
             except ValueError:  # nothing to tune
                 continue
     return list(tasks.values())
 
 
 def tune_briefly(
-    base: Scenario, policies: Sequence[str], trials: int, report: Callable[[float, str], None], workers: int, command: str
+    base: Scenario, policies: Sequence[str], trials: int, margins: tuple[float, float],
+    report: Callable[[float, str], None], workers: int, command: str,
 ) -> list[str]:  # fmt: skip
     """Tune the first laws with gains for a scenario, and name those with other gains.
 
@@ -65,11 +66,12 @@ def tune_briefly(
         base: the scenario.
         policies: those whose laws are tuned, the best first.
         trials: of each law in each round, beside those of earlier calls.
+        margins: that are asked for, as of `Task`.
         report: called with the share that is done, and a law with its objective.
         workers: number of processes.
         command: the command that was typed, for the record.
     """
-    every = tasks_of(base, policies)[: ROUNDS[0]]
+    every = tasks_of(base, policies, margins)[: ROUNDS[0]]
     tasks, done, units = every, 0, sum(min(number, len(every)) for number in ROUNDS)
     for task in tasks:
         open_study(task, STORAGE)  # here, since no two processes may create a database at once

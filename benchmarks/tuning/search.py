@@ -1,10 +1,14 @@
 """Tuning of a policy's gains on the tuning seeds, with Optuna; it counts the cost.
 
-The objective is the mean over scenarios of log(error) + 0.1 log(1 + chatter). The error is the
-penalized one, by which boards rank: the geometric mean of error_pct over the runs, each at least
-the sensor's resolution, doubled for each percent of lost runs. The chatter of a run is
-the total variation of its torque per second, divided by the root mean square of its torque. Because
-of the logarithms, a scenario counts by the relative change of its error.
+The objective is the mean over scenarios of log(error) + 0.1 log(1 + chatter), and a price for small
+margins. The error is the penalized one, by which boards rank: the geometric mean of error_pct over
+the runs, each at least the sensor's resolution, doubled for each percent of lost runs. The chatter
+of a run is the total variation of its torque per second, divided by the root mean square of its
+torque. Because of the logarithms, a scenario counts by the relative change of its error.
+
+The price is 3 for each of two margins that is zero, and falls to 0 at the phase and delay margin
+that are asked for. The margins are the least of three arms of the first scenario. A loop that is
+unstable without dry friction has none; a law that cannot be linearised pays nothing.
 
 Trials use few scenarios and seeds. The best trials and the defaults are therefore judged with the
 same objective on more scenarios, and on tuning seeds that no trial used. The gains that are judged
@@ -16,6 +20,7 @@ from __future__ import annotations
 import dataclasses
 import json
 import logging
+import math
 import sys
 import time
 from collections.abc import Iterable, Mapping
@@ -33,6 +38,7 @@ from benchmarks.run.metrics import counted_errors, measure, penalize
 from benchmarks.run.rollout import rollout
 from benchmarks.run.store import provenance
 from benchmarks.seeds import SPLITS
+from benchmarks.studies.linear import POINT, LinearLoop, NotLinear, Unstable, linearize_all
 from controllers import registry
 from controllers.name import PolicyName, expect_law, gains_file
 from fbl_gym import Scenario, scenarios
@@ -44,6 +50,9 @@ if TYPE_CHECKING:  # of the extra `analysis`: imported where a study is used
 
 CHATTER = 0.1
 """Weight of the torque's chatter in the objective."""
+
+PRICE = 3.0
+"""Price of a margin of zero: 3 % of error for each percent of the margin that is asked for."""
 
 COUNTED = ("variation", "torque_rms", "diverged")
 """The metrics of the objective, beside the error."""
@@ -59,17 +68,25 @@ def scenarios_of(robot: str) -> tuple[tuple[str, ...], tuple[str, ...]]:
     """
     known = scenarios.in_tier(f"{robot}-practice")
     third = "noise-3" if robot == "direct" else "delay-3"
-    pushed = ("nominal", third, "friction-3", "elastic-3", "saturation-1", "everything-1", "everything-3")
+    pushed = ("nominal", third, "friction-3", "elastic-3", "saturation-1", "datasheet-1", "everything-3")
     return tuple(name for name in known if name.endswith(pushed)), known
 
 
 @dataclass(frozen=True)
 class Task:
-    """A policy to tune, with scenarios and the seeds of each."""
+    """A policy to tune, with scenarios and the seeds of each.
+
+    Attributes:
+        policy: the policy.
+        scenarios: of the runs; the first one is that of the margins.
+        seeds: of the runs in each scenario; the first three draw the arms of the margins.
+        margins: phase [degrees] and delay [samples] below which the gains pay; 0: they do not.
+    """
 
     policy: PolicySpec
     scenarios: tuple[Scenario, ...]
     seeds: range
+    margins: tuple[float, float] = (0.0, 0.0)
 
     def __post_init__(self) -> None:
         set_fields(self, policy=resolve(self.policy))
@@ -114,10 +131,14 @@ class Task:
     @property
     def digest(self) -> str:
         """Hash of the policy, the scenarios and the seeds, 12 hexadecimal digits."""
-        return data_digest([Cell(self.policy, scenario, tuple(self.seeds)).key for scenario in self.scenarios])[:12]
+        keys = [Cell(self.policy, scenario, tuple(self.seeds)).key for scenario in self.scenarios]
+        return data_digest([*keys, self.margins])[:12]
 
-    def cost(self, gains: Mapping[str, float]) -> tuple[float, float]:
-        """Return the objective of gains (lower is better) and the share of diverged runs [%]."""
+    def cost(self, gains: Mapping[str, float], best: float = math.inf) -> tuple[float, float]:
+        """Return the objective of gains (lower is better) and the share of diverged runs [%].
+
+        Where it is above the `best` without the price of the margins, that is left out.
+        """
         costs, diverged = [], []
         for scenario in self.scenarios:
             runs = measure(rollout(self.policy, scenario, self.seeds, gains))
@@ -125,7 +146,28 @@ class Task:
             chatter = variation / np.maximum(torque, 1e-9)
             costs.append(np.mean(np.log(penalize(counted_errors(runs), lost)) + CHATTER * np.log1p(chatter)))
             diverged.append(100 * lost.mean())
-        return float(np.mean(costs)), float(np.mean(diverged))
+        cost = float(np.mean(costs))
+        return cost + (self.price(gains) if cost < best else 0.0), float(np.mean(diverged))
+
+    def price(self, gains: Mapping[str, float]) -> float:
+        """Return the price of small margins."""
+        if not any(self.margins):
+            return 0.0
+        task = self.scenarios[0]
+        loops = linearize_all(self.policy, task, POINT, self.seeds[:3], **gains)
+        return max(PRICE * _lacking(loop, task.control_dt, self.margins) for loop in loops)
+
+
+def _lacking(loop: LinearLoop | NotLinear, control_dt: float, asked: tuple[float, float]) -> float:
+    """Return how much of both margins a loop lacks, 0 to 2."""
+    try:
+        if isinstance(loop, NotLinear):
+            raise loop
+        margins = loop.margins()
+    except NotLinear as reason:
+        return float(sum(x > 0 for x in asked)) if isinstance(reason, Unstable) else 0.0
+    found = min(margins.phase), margins.delay / control_dt
+    return sum(max(0.0, 1.0 - has / least) for has, least in zip(found, asked, strict=True) if least > 0)
 
 
 def seeds(trial: int, fresh: int) -> tuple[range, range]:
@@ -165,7 +207,7 @@ def tune(
         begin = time.process_time()
         space = spaces[trial.number] if trial.number < len(spaces) else task.ranges
         gains = {name: trial.suggest_float(name, *ends, log=True) for name, ends in space.items()}
-        cost, _ = task.cost(gains)
+        cost, _ = task.cost(gains, min((done.value or 0.0 for done in finished(study)), default=math.inf))
         trial.set_user_attr("cpu_s", time.process_time() - begin)
         return cost
 

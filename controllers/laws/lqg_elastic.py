@@ -76,10 +76,10 @@ class LqgElastic(TorqueLaw):
     """
 
     bandwidth: float = number(40.0, unit="rad/s", above=0, tune=(10.0, 150.0))
-    damping: float = number(0.7, low=0, tune=(0.05, 2.0))
+    damping: float = number(0.7, low=0, tune=(0.05, 4.0))
     observer: float = number(60.0, unit="rad/s", above=0, tune=(10.0, 1000.0))
     reading: float = number(1e-4, unit="rad", above=0, tune=(1e-6, 1e-3))
-    links: float = number(1.0, above=0, tune=(0.03, 30.0))
+    links: float = number(1.0, above=0, tune=(0.03, 100.0))
     friction: float = number(2.0, unit="s", above=0)
     braking: float = number(0.4, above=0)
 

@@ -89,6 +89,7 @@ class _Scale:
     """The scales of an arm in a class, and the share of a family's size.
 
     Attributes:
+        task: fields of `Scenario` so far, which families before the last have changed.
         weight: largest torque of gravity on each joint [2] N m, or that of an acceleration of
             `LEAST` of the stretched links and rotors, where it is larger.
         inertia: of the stretched links about each joint [2] kg m^2.
@@ -97,7 +98,7 @@ class _Scale:
 
     def __init__(self, robot: RobotClass, arm: ArmParameters, size: float = 1.0) -> None:
         _, p2, p3, p4, p5 = arm.lumped
-        self.robot, self.arm, self.size = robot, arm, size
+        self.robot, self.arm, self.size, self.task = robot, arm, size, copy.deepcopy({**robot.scenario})
         self.inertia = stretched_inertia(arm)
         rotor = np.array(arm.rotor)
         self.rotor = np.where(rotor > 0, rotor, 0.3 * self.inertia)
@@ -181,6 +182,43 @@ def _torque_constant(scale: _Scale, percent: float) -> dict[str, Any]:
     return {"actuator": {"gain": _uniform(1 - off, 1 + off)}}
 
 
+def _datasheet(scale: _Scale, samples: float, factor: float, percent: float) -> dict[str, Any]:
+    """Return a truth on both sides beyond its ranges, of which policies are told the middle."""
+    size, task, h = scale.size, scale.task, scale.robot.control_dt
+    factor, off = 1 + size * (factor - 1), 1 + size * 0.01 * percent
+    low, high = task["actuator"]["delay"]["uniform"]
+    early, late = max(low - size * samples * h, 0.0), high + (2 if low == 0 else 1) * size * samples * h
+    told: dict[str, Any] = {"delay": (early + late) / 2 + h, "lag": _middle(task["actuator"]["lag"])}
+    drive = {"delay": {"choice": (early, late)}, "lag": _beyond(task["actuator"]["lag"], factor)}
+    drive["gain"] = _beyond(task["actuator"]["gain"], off)
+    changes: dict[str, Any] = {
+        "actuator": drive,
+        "parameter_error": {"rotor": _beyond(task["parameter_error"]["rotor"], off)},
+    }
+    if scale.robot.springs:
+        stiffness, damping = task["joint"]["stiffness"], task["joint"]["damping"]
+        told |= {"stiffness": tuple(map(_middle, stiffness)), "damping": damping}
+        changes["joint"] = {
+            "stiffness": [_beyond(k, factor) for k in stiffness],
+            "damping": [_beyond({"uniform": (c, c)}, factor**2) for c in damping],
+        }
+    return {"datasheet": told, **changes}
+
+
+def _ends(distribution: Mapping[str, Sequence[float]]) -> Sequence[float]:
+    """Return the ends of a range."""
+    return next(iter(distribution.values()))
+
+
+def _middle(distribution: Mapping[str, Sequence[float]]) -> float:
+    return math.sqrt(math.prod(_ends(distribution)))
+
+
+def _beyond(distribution: Mapping[str, Sequence[float]], factor: float) -> dict[str, Any]:
+    low, high = _ends(distribution)
+    return {"choice": (low / factor, high * factor)}
+
+
 _FAMILIES = {
     "model-error": Family("masses off by factors of up to 1 + r, inertias by r, centres by r / 2; r = {r}", _bodies),
     "payload": Family("up to {share} times the second link's mass, picked up and dropped during the motion", _payload),
@@ -215,6 +253,11 @@ _FAMILIES = {
     ),
     "saturation": Family("faster moves, with torque for the weight and {acceleration} rad/s^2", _saturation),
     "torque-constant": Family("torques off by up to {percent} %", _torque_constant),
+    "datasheet": Family(  # the last one, since it goes beyond the ranges of the others
+        "a wrong data sheet: delay by {samples} samples, lag and stiffness by factors of {factor} beyond their ranges, "
+        "damping by their squares, gains and rotors by {percent} %",
+        _datasheet,
+    ),
 }
 """The families that a class may have; its TOML file has their numbers."""
 
@@ -227,8 +270,9 @@ def _families(robot: str) -> dict[str, Family]:
 def families(robot: str) -> dict[str, str]:
     """Return the description of each family of one of `CLASSES`, by name."""
     known = {name: family.description for name, family in _families(robot).items()}
+    last = {"datasheet": known.pop("datasheet")}  # a later family must not change the turns of others
     apart = " and ".join(CLASSES[robot].apart)
-    return known | {"everything": f"all but {apart} at once, at half their size"}
+    return known | {"everything": f"all but {apart} at once, at half their size"} | last
 
 
 def conditions(arm: ArmParameters, robot: str, family: str = "nominal", severity: int = 0) -> dict[str, Any]:
@@ -244,18 +288,17 @@ def conditions(arm: ArmParameters, robot: str, family: str = "nominal", severity
     kind, known = CLASSES[robot], _families(robot)
     scale = _Scale(kind, arm, 0.5 if family == "everything" else 1.0)
     pushed = [name for name in known if name not in kind.apart] if family == "everything" else [family]
-    task = functools.reduce(merged, [
-        copy.deepcopy(kind.scenario),
-        {
-            "arm": arm,
-            "reference": MinimumJerk(*_BOX, move_time=kind.move_time, hold_time=0.3),
-            "actuator": {"torque_limit": tuple(1.5 * scale.weight + 16.0 * scale.reach)},
-        },
-        scale.payload(0.1),
-        _times(kind.weight, scale.weight),
-        scale.springs(**kind.springs) if kind.springs else {},
-        *(known[name].at(severity, scale) for name in pushed if severity > 0 and name in known),
-    ])  # fmt: skip
+    usual = {
+        "arm": arm,
+        "reference": MinimumJerk(*_BOX, move_time=kind.move_time, hold_time=0.3),
+        "actuator": {"torque_limit": tuple(1.5 * scale.weight + 16.0 * scale.reach)},
+    }
+    springs = scale.springs(**kind.springs) if kind.springs else {}
+    for change in (usual, scale.payload(0.1), _times(kind.weight, scale.weight), springs):
+        scale.task = merged(scale.task, change)
+    for name in pushed if severity > 0 else ():
+        scale.task = merged(scale.task, known[name].at(severity, scale)) if name in known else scale.task
+    task = scale.task
     if "joint" in task and np.min(arm.rotor) <= 0:
         return conditions(dataclasses.replace(arm, rotor=tuple(scale.rotor)), robot, family, severity)
     return task
@@ -318,6 +361,7 @@ SURPRISES = {
     "drive": "the first drive loses 25 % of its torque",
     "bend": "links bend, with natural frequencies of 12 to 25 Hz that no encoder sees",
     "arm": "another arm, with the drives and sensors of the class",
+    "datasheet": "the springs, or in their absence the drives' lags, have half or twice the number of the data sheet",
 }
 
 
@@ -325,16 +369,21 @@ def _surprise(robot: str, family: str, _: int, arm: ArmParameters | None) -> dic
     kind = CLASSES[robot]
     arm = arm or (kind.other_arm if family == "arm" else kind.arm)
     p2, p3 = arm.lumped[1:3]
-    time = _uniform(0.3 * kind.duration, 0.5 * kind.duration)
-    changes: dict[str, dict[str, Any]] = {
+    time, task = _uniform(0.3 * kind.duration, 0.5 * kind.duration), conditions(arm, robot)
+    option, field = ("joint", "stiffness") if kind.springs else ("actuator", "lag")
+    ranges = task[option][field]
+    told = tuple(map(_middle, ranges)) if kind.springs else _middle(ranges)
+    truth = [{"choice": (k / 2, 2 * k)} for k in np.ravel(told)]
+    changes: dict[str, Any] = {
         "payload": {"events": (PickUp(time=time, mass=0.5 * arm.m2),)},
         "knock": {"events": (Knock(time=time, impulse=(2.0 * stretched_inertia(arm)[0], 2.0 * (p2 + p3))),)},
         "friction": {"events": (FrictionChange(time=time, factor=3.0),)},
         "drive": {"events": (DriveChange(time=time, factor=(0.75, 1.0)),)},
         "bend": {"link": FlexibleLink((_log((12.0, 25.0)),) * 2, damping=0.05)},
         "arm": {},
+        "datasheet": {option: {field: truth if kind.springs else truth[0]}, "datasheet": {field: told}},
     }
-    return {"description": f"{robot}: {SURPRISES[family]}", **conditions(arm, robot), **changes[family]}
+    return merged({"description": f"{robot}: {SURPRISES[family]}", **task}, changes[family])
 
 
 def _tiers() -> dict[str, Tier]:

@@ -17,6 +17,7 @@ from benchmarks.policies.spec import resolve
 from benchmarks.run.runner import run_cell
 from benchmarks.seeds import SPLITS
 from benchmarks.studies import recommend
+from benchmarks.studies.linear import LEAST_DELAY, LEAST_PHASE
 from benchmarks.studies.recommend import Likeness, around, is_safe, push
 from benchmarks.tuning import brief, search
 from benchmarks.tuning.search import Task, at_edge, judge, scenarios_of, seeds, summary, tune, write_gains
@@ -47,7 +48,7 @@ def asked(monkeypatch):
     """The gains that were run, in turn."""
     found = []
 
-    def cost(_, gains):
+    def cost(_, gains, *_best):
         found.append(gains)
         return TRIALS[{None: 0, 100.0: 1, 50.12: 2}[gains.get("kp")]][2]
 
@@ -98,7 +99,7 @@ def test_tune_goes_on_where_it_stopped(tmp_path, monkeypatch, fbl_gym):
     assert found["judged"]["count"] == 3
     assert found["judged"]["defaults"]["trial"] == 0
     assert set(found["gains"]) in (set(), {"kp", "ki", "kd"})
-    task = Task("pid-flm", (scenarios.get("nominal"),), seeds(2, 3)[0])
+    task = Task("pid-flm", (scenarios.get("nominal"),), seeds(2, 3)[0], (LEAST_PHASE, LEAST_DELAY))
     assert studies(tmp_path) == [f"pid-flm {task.digest}"]
 
 
@@ -151,7 +152,7 @@ def gains_of(study):
 
 
 def test_a_resumed_study_repeats_no_trial(tmp_path, monkeypatch):
-    monkeypatch.setattr(Task, "cost", lambda _, gains: (sum(gains.values()), 0.0))
+    monkeypatch.setattr(Task, "cost", lambda _, gains, best: (sum(gains.values()), 0.0))
     task = Task("pid-flm", NOMINAL, seeds(1, 1)[0])
     for trials in (2, 3, 4, 5):
         study = tune(task, f"sqlite:///{tmp_path}/new/studies.db", trials=trials)
@@ -320,11 +321,12 @@ def test_an_arm_that_stays_is_not_safe():
 @pytest.mark.usefixtures("folder")
 def test_brief_tuning_improves_a_law_and_goes_on():
     storage, gains, news = search.STORAGE, Path("results/gains"), []
-    arguments = {"workers": 1, "command": ""}
+    margins = (0.0, 0.0)
+    arguments = {"margins": margins, "workers": 1, "command": ""}
     policies = ["ppo-blend", "pd-gravity", "zero", "pd-gravity@damping=1"]
-    names = brief.tune_briefly(BASE, policies, 8, lambda *part: news.append(part), **arguments)
+    names = brief.tune_briefly(BASE, policies, 8, report=lambda *part: news.append(part), **arguments)
     assert news[-1][0] == 1.0
-    (task,) = brief.tasks_of(BASE, policies)
+    (task,) = brief.tasks_of(BASE, policies, margins)
     assert held_out_reason(BASE)
     assert not any(held_out_reason(scenario) for scenario in task.scenarios)
     trials = search.finished(search.open_study(task, storage))
@@ -339,7 +341,7 @@ def test_brief_tuning_improves_a_law_and_goes_on():
     assert resolve(new).parsed.given_gains == dict.fromkeys(task.ranges, 10.0)
     assert resolve(new).parsed.gains_of_other_arms(BASE.arm) == []
     assert len(resolve(new).parsed.gains_of_other_arms(ArmParameters())) == 1
-    brief.tune_briefly(BASE, policies, 1, lambda *_: None, **arguments)
+    brief.tune_briefly(BASE, policies, 1, report=lambda *_: None, **arguments)
     assert len(search.finished(search.open_study(task, storage))) > len(trials)
 
 
