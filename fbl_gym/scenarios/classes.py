@@ -188,7 +188,8 @@ def _datasheet(scale: _Scale, samples: float, factor: float, percent: float) -> 
     factor, off = 1 + size * (factor - 1), 1 + size * 0.01 * percent
     low, high = task["actuator"]["delay"]["uniform"]
     early, late = max(low - size * samples * h, 0.0), high + (2 if low == 0 else 1) * size * samples * h
-    told: dict[str, Any] = {"delay": (early + late) / 2 + h, "lag": _middle(task["actuator"]["lag"])}
+    usual = h + task["actuator"].get("jitter", 0.0) / 2  # a sample of computation, and the mean of the jitter
+    told: dict[str, Any] = {"delay": (early + late) / 2 + usual, "lag": _middle(task["actuator"]["lag"])}
     drive = {"delay": {"choice": (early, late)}, "lag": _beyond(task["actuator"]["lag"], factor)}
     drive["gain"] = _beyond(task["actuator"]["gain"], off)
     changes: dict[str, Any] = {

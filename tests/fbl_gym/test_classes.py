@@ -5,7 +5,8 @@ import dataclasses
 import numpy as np
 import pytest
 
-from benchmarks.run.rollout import reference_motion
+from benchmarks.policies.spec import resolve
+from benchmarks.run.rollout import make_env, reference_motion
 from fbl_gym import scenarios
 from fbl_gym.interface import class_of
 from fbl_gym.model.arm import TABLE_1, ArmParameters, inverse_dynamics
@@ -95,6 +96,27 @@ def test_the_task_follows_the_arm(robot, scale):
     if ours.joint is not None:
         for a, b in zip(ours.joint.stiffness, theirs.joint.stiffness, strict=True):
             np.testing.assert_allclose(ends(b), scale * np.array(ends(a)))
+
+
+@pytest.mark.parametrize("robot", CLASSES)
+def test_a_wrong_data_sheet_is_told_and_the_truth_lies_on_both_sides_of_its_range(robot):
+    arm, zero = CLASSES[robot].arm, resolve("zero")
+    usual, wrong = (
+        make_env(zero, Scenario(**conditions(arm, robot, family, 2)), 64) for family in ("nominal", "datasheet")
+    )
+    wrong.reset(seed=0)
+    truth, told, ranges, drive = wrong.truth, wrong.interface, usual.interface, usual.scenario.actuator
+    delay = np.array(ends(drive.delay)) + usual.scenario.control_dt
+    pairs = [(truth.lag, told.lag, ranges.lag), (truth.delay, told.delay, delay)]
+    pairs += [(truth.gain, (1.0, 1.0), ends(drive.gain[0]))]
+    if told.stiffness is not None:
+        for name in ("stiffness", "damping"):
+            pairs += zip(getattr(truth, name).T, *(np.array(getattr(x, name)).T for x in (told, ranges)), strict=True)
+    for real, (low, high), (least, most) in pairs:
+        assert low == high
+        assert (real < low).any()
+        assert (real > high).any()
+        assert not ((least < real) & (real < most)).any()
 
 
 def test_the_board_is_recognised_by_its_content():
