@@ -16,10 +16,10 @@ import numpy as np
 from benchmarks.analysis.transfer import Runs
 from benchmarks.policies.isolation import Failed, run_parallel
 from benchmarks.run.cell import Cell
+from benchmarks.run.loop import LEAST_DELAY, LEAST_PHASE
 from benchmarks.run.runner import run as run_cells
 from benchmarks.run.store import Result, Store
 from benchmarks.run.suite import Suite
-from benchmarks.studies.linear import LEAST_DELAY, LEAST_PHASE
 from benchmarks.studies.recommend import Likeness, candidates, recommend
 from benchmarks.studies.sealed import draw_arm
 from benchmarks.tuning.brief import tasks_of, tune_briefly, write_best

@@ -174,6 +174,14 @@ class Board:
         """The mean of each policy's largest errors, 5 % of the runs in the tier that ranks [p]."""
         return np.array([statistics.tail_mean(errors.ravel()) for errors in self.split(self.errors[:, self.main])])
 
+    def margin(self, name: str) -> Array:
+        """Return the least of a metric of margins of each policy's arms and members [p], or NaN.
+
+        The sensitivity is the largest.
+        """
+        pick = np.fmax if name == "sensitivity" else np.fmin
+        return np.array([pick.reduce(runs, axis=None) for runs in self.split(self.runs[name])])
+
     def mrad(self, some: Sequence[int] | None = None) -> Array:
         """Return the geometric mean of each policy's errors [p] mrad.
 

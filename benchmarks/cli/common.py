@@ -13,10 +13,10 @@ from rich.progress import track
 from benchmarks.policies.isolation import CallLimits
 from benchmarks.report.terminal import Screen
 from benchmarks.run.cell import Cell
+from benchmarks.run.loop import LEAST_DELAY, LEAST_PHASE
 from benchmarks.run.runner import run as run_cells
 from benchmarks.run.store import Result, Store
 from benchmarks.seeds import SPLITS
-from benchmarks.studies.linear import LEAST_DELAY, LEAST_PHASE
 from controllers.name import PolicyName
 from fbl_gym import Scenario, scenarios
 

@@ -10,7 +10,8 @@ from benchmarks.cli.common import add, add_option, add_plot
 from benchmarks.policies.spec import resolve
 from benchmarks.report.plot import Line, Panel, plot_lines
 from benchmarks.report.terminal import Screen, table
-from benchmarks.studies.linear import POINT, Margins, margins_as_data
+from benchmarks.run.linearize import POINT, margins_as_data
+from benchmarks.run.loop import Margins
 from fbl_gym import scenarios
 
 

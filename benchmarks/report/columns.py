@@ -204,6 +204,16 @@ def columns(board: Board) -> list[Column]:
         numbers("worst", "worst 5 %", f"Mean error % of the worst 5 % of the runs {here}.", board.worst, best=-1, tables=ALL),
         Column("violation", "violation %", f"Share of samples beyond the constraints, mean of the runs {here}.",
                _violations(board), best=-1, form=percent, tables=ALL),
+        *(
+            numbers(name, title, f"{meaning} at rest, without dry friction: of the nominal scenario's first arms, linearised.",
+                    board.margin(name), best=best, form=percent)
+            for name, title, meaning, best in (
+                ("phase_deg", "phase margin °", "Least phase margin", 1),
+                ("delay_samples", "delay margin, samples", "Least delay margin", 1),
+                ("gain_margin", "gain margin", "Least upper gain margin", 1),
+                ("sensitivity", "peak of S", "Largest peak of the sensitivity", -1),
+            )
+        ),
         numbers("effort", "effort", "Torque variation as a multiple of that of the best oracle, median "
                 "of the scenarios.", board.effort, tables=ALL),
         *(
@@ -227,4 +237,4 @@ def columns(board: Board) -> list[Column]:
         numbers("decision", "µs/decision", "Wall time of one decision of one lane of a batch [µs].", board.decision_us),
         Column("tuning", "gains", "Origin of the gains.", [spec.tuning for spec in board.specs], tables=NONE),
     ]  # fmt: skip
-    return [column for column in every if any(value is not None for value in column.values)]
+    return [column for column in every if any(value is not None and value == value for value in column.values)]

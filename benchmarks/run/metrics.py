@@ -58,11 +58,18 @@ METRICS: dict[str, str] = {
     "recovery_s": "time until the error is back after an event, mean of the events [s]; the time until the next event or "
     "the end if it never is (events only)",
     "unrecovered_pct": "share of the events after which the error is never back [%] (events only)",
+    "phase_deg": "phase margin, the worse joint [degrees] (the nominal scenario of a board only, and its first arms)",
+    "delay_samples": "delay margin of both torques [control samples] (likewise)",
+    "gain_margin": "largest factor of a joint's torque that leaves the loop stable (likewise)",
+    "sensitivity": "largest peak of the sensitivity |S| (likewise)",
     "diverged": "1 where the run diverged, else 0",
     "baseline_error_pct": "error_pct of the motionless baseline",
     "resolution_pct": "error_pct of one count of the encoder; no smaller error counts on a board",
 }
 """Name and meaning of each metric, in the order of the columns."""
+
+MARGINS = ("phase_deg", "delay_samples", "gain_margin", "sensitivity")
+"""The metrics that are of the linearised loop and not of a trace."""
 
 
 def errors(trace: Trace) -> Array:
@@ -134,6 +141,7 @@ def measure(trace: Trace, size: Array | None = None) -> list[dict[str, float]]:
         "recovery_rad_s": area,
         "recovery_s": back,
         "unrecovered_pct": 100 * unrecovered,
+        **dict.fromkeys(MARGINS, np.full(len(trace.seeds), np.nan)),
         "diverged": (~trace.alive[-1]).astype(float),
         "baseline_error_pct": 100 * (np.abs(trace.reference - trace.position[0]).mean(axis=0) / size).mean(axis=-1),
         "resolution_pct": 100 * (2 * np.pi / counts / size).mean(axis=-1),

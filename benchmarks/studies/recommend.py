@@ -20,11 +20,12 @@ from benchmarks.analysis.statistics import proportion, tail_mean
 from benchmarks.analysis.transfer import Runs
 from benchmarks.policies.spec import resolve
 from benchmarks.run.cell import Cell
+from benchmarks.run.linearize import margins_as_data
+from benchmarks.run.loop import LEAST_DELAY, LEAST_PHASE, Margins, Unstable
 from benchmarks.run.rollout import reference_motion
 from benchmarks.run.store import Result
 from benchmarks.run.suite import OTHER_TASKS, Suite
 from benchmarks.seeds import SPLITS
-from benchmarks.studies.linear import LEAST_DELAY, LEAST_PHASE, Margins, Unstable, margins_as_data
 from fbl_gym.model.arm import ArmParameters, Array, gravity_torque, inverse_dynamics, stretched_inertia
 from fbl_gym.options import Datasheet, Friction, PiecewiseConstantDisturbance, SensorError
 from fbl_gym.records.record import Distribution, ends, middle, scaled

@@ -34,11 +34,11 @@ from benchmarks.files import write_text
 from benchmarks.policies.key import data_digest
 from benchmarks.policies.spec import PolicySpec, resolve
 from benchmarks.run.cell import Cell
-from benchmarks.run.metrics import counted_errors, measure, penalize
+from benchmarks.run.linearize import margin_metrics
+from benchmarks.run.metrics import MARGINS, counted_errors, measure, penalize
 from benchmarks.run.rollout import rollout
 from benchmarks.run.store import provenance
 from benchmarks.seeds import SPLITS
-from benchmarks.studies.linear import POINT, LinearLoop, NotLinear, Unstable, linearize_all
 from controllers import registry
 from controllers.name import PolicyName, expect_law, gains_file
 from fbl_gym import Scenario, scenarios
@@ -153,21 +153,10 @@ class Task:
         """Return the price of small margins."""
         if not any(self.margins):
             return 0.0
-        task = self.scenarios[0]
-        loops = linearize_all(self.policy, task, POINT, self.seeds[:3], **gains)
-        return max(PRICE * _lacking(loop, task.control_dt, self.margins) for loop in loops)
-
-
-def _lacking(loop: LinearLoop | NotLinear, control_dt: float, asked: tuple[float, float]) -> float:
-    """Return how much of both margins a loop lacks, 0 to 2."""
-    try:
-        if isinstance(loop, NotLinear):
-            raise loop
-        margins = loop.margins()
-    except NotLinear as reason:
-        return float(sum(x > 0 for x in asked)) if isinstance(reason, Unstable) else 0.0
-    found = min(margins.phase), margins.delay / control_dt
-    return sum(max(0.0, 1.0 - has / least) for has, least in zip(found, asked, strict=True) if least > 0)
+        rows = margin_metrics(self.policy, self.scenarios[0], self.seeds[:3], gains)
+        found = np.array([[row[name] for name in MARGINS[:2]] for row in rows])
+        lacking = np.maximum(0.0, 1.0 - np.nan_to_num(found, nan=np.inf) / np.maximum(self.margins, 1e-9))
+        return float(PRICE * lacking.sum(axis=1).max())
 
 
 def seeds(trial: int, fresh: int) -> tuple[range, range]:

@@ -8,9 +8,13 @@ import numpy as np
 import pytest
 
 from benchmarks.policies.spec import resolve
+from benchmarks.run import linearize as linear
+from benchmarks.run.cell import Cell
+from benchmarks.run.linearize import POINT, linearize, margin_metrics
+from benchmarks.run.loop import NotLinear
+from benchmarks.run.metrics import MARGINS
 from benchmarks.run.rollout import make_env
-from benchmarks.studies import linear
-from benchmarks.studies.linear import POINT, NotLinear, linearize
+from benchmarks.run.runner import run_cell
 from fbl_gym.records.record import scaled
 from fbl_gym.scenarios import Scenario, get
 
@@ -206,7 +210,7 @@ def test_rows_of_the_boards_are_stable_up_to_their_margins(robot, policy):
     margins, truth = linearize(policy, task).margins(), make_env(spec, task, 1)
     truth.reset(seed=[0])
     told, delay = task.actuator.facts(task)["delay"], float(truth.truth.delay[0])
-    _, learned, _ = linear._run(spec, task, POINT, 0)
+    _, learned, *_ = linear._run(spec, task, POINT, [0], {})
     calm = linear._calm(task, spec).replace(
         reference=AT_REST, initial_error=0.0, duration=9.0, physics_dt=1e-4, datasheet={"delay": sum(told) / 2}
     )
@@ -229,3 +233,16 @@ def test_rows_of_the_boards_are_stable_up_to_their_margins(robot, policy):
     joint = int(np.argmin(margins.gain_upper))
     assert [rests(1.0 + factor * (margins.gain_upper[joint] - 1.0), 0.0) for factor in (0.9, 1.1)] == [True, False]
     assert [rests(1.0, factor * margins.delay) for factor in (0.9, 1.1)] == [True, False]
+
+
+def test_a_board_has_the_margins_of_its_nominal_arms():
+    nominal, late = (
+        run_cell(Cell("pid-flm@tuned", f"servo-{name}", (0, 1))).rows for name in ("nominal", "delay-2")
+    )
+    for seed, row in enumerate(nominal):
+        margins = linearize("pid-flm@tuned", "servo-nominal", seed=seed).margins()
+        expected = min(margins.phase), margins.delay / 0.01, min(margins.gain_upper), max(margins.sensitivity)
+        assert [row[name] for name in MARGINS] == pytest.approx(expected, rel=1e-3)
+    assert np.isnan([row[name] for row in late for name in MARGINS]).all()
+    (unstable,) = margin_metrics(resolve("pd-gravity@frequency=30"), get("servo-nominal"), [0])
+    assert unstable["phase_deg"] == unstable["delay_samples"] == 0.0

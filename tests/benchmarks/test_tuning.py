@@ -14,13 +14,15 @@ import pytest
 from optuna.distributions import FloatDistribution
 
 from benchmarks.policies.spec import resolve
+from benchmarks.run.linearize import linearize
+from benchmarks.run.loop import LEAST_DELAY, LEAST_PHASE
 from benchmarks.run.runner import run_cell
 from benchmarks.seeds import SPLITS
 from benchmarks.studies import recommend
-from benchmarks.studies.linear import LEAST_DELAY, LEAST_PHASE
 from benchmarks.studies.recommend import Likeness, around, is_safe, push
 from benchmarks.tuning import brief, search
 from benchmarks.tuning.search import Task, at_edge, judge, scenarios_of, seeds, summary, tune, write_gains
+from controllers.registry import tuned_gains
 from fbl_gym import Scenario, scenarios
 from fbl_gym.model.arm import ArmParameters
 from fbl_gym.records.record import ends
@@ -70,6 +72,17 @@ def test_fresh_seeds_overrule_the_trials(study, asked):
     assert len(asked) == 3
     judge(task, study, 1)
     assert len(asked) == 5
+
+
+def test_gains_pay_for_small_margins():
+    """The least of three arms counts, and the price of gains that cannot be the best is left out."""
+    task = Task("pid-flm", (scenarios.get("servo-practice-nominal"),), range(3), (60.0, 0.0))
+    gains = tuned_gains("pid-flm@servo")
+    loops = [linearize("pid-flm@servo", task.scenarios[0], seed=seed).margins() for seed in range(3)]
+    free, paid, hopeless = task.cost(gains, -9.0)[0], task.cost(gains)[0], task.cost(gains, 9.0)[0]
+    assert paid - free == pytest.approx(3.0 * (1.0 - min(min(loop.phase) for loop in loops) / 60.0), rel=1e-3)
+    assert (paid > free, hopeless) == (True, paid)
+    assert dataclasses.replace(task, margins=(0.0, 0.0)).cost(gains)[0] == free
 
 
 def test_judging_is_on_tuning_seeds_that_no_trial_saw():

@@ -1,25 +1,21 @@
-"""Linear analysis: the sampled loop of a policy and an arm, linearised, and its margins.
+"""Linearisation of a policy and an arm at rest.
 
-The plant is the real arm over one control interval, with springs, the drive's delay and lag, and
-the encoders. The law is the policy's map from measured signals and its state to a torque and its
-next state; its derivatives are difference quotients of `predict`. A margin is the smallest gain,
-phase or delay at the plant's input at which an eigenvalue of the closed loop leaves the unit
-circle.
+The plant is the real arm over one control interval. The law is the policy's map from measured
+signals and its state to a torque and its next state; its derivatives are difference quotients of
+`predict`.
 """
 
 import dataclasses
 import math
-from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg import block_diag
-from scipy.signal import cont2discrete
-from threadpoolctl import threadpool_limits
 
 from benchmarks.policies.spec import PolicySpec, resolve
+from benchmarks.run.loop import LinearLoop, NotLinear, Unstable
+from benchmarks.run.metrics import MARGINS
 from benchmarks.run.rollout import make_env, reference_motion
 from controllers.base import leaves, map_state, where_lanes
 from controllers.oracles.true_arm import TrueArm
@@ -34,9 +30,6 @@ from fbl_gym.scenarios import Scenario, as_scenario
 POINT: Pair = (-1.0, 0.5)
 """A point within the default motion at which gravity acts on both joints [rad]."""
 
-LEAST_PHASE, LEAST_DELAY = 30.0, 0.5
-"""The phase margin [degrees] and delay margin [samples] that a policy should have."""
-
 MEASURED = ("position", "velocity", "acceleration", "previous_actions")
 """The slots of the observation that depend on the arm. The reference is held."""
 
@@ -46,28 +39,8 @@ SETTLING = 10.0
 MOST_NUMBERS = 2_000
 """A policy whose state has more numbers is not linearised, since that would take minutes."""
 
-UNIT_CIRCLE = 1.0 + 1e-6
-"""Largest modulus of an eigenvalue that counts as stable.
-
-Rounding moves the eigenvalue 1 of a constant state.
-"""
-
-LONGEST_DELAY = 1.0
-"""The longest delay that is tried [s]."""
-
-GAIN_FACTORS = np.geomspace(1.0, 1e3, 61)[1:]
-"""The factors of the loop's gain that are tried."""
-
 STEPS = (1e-5, 1e-6)
 """Steps of the difference quotients: shares of each quantity, absolute where it is below 1."""
-
-
-class NotLinear(ValueError):
-    """A loop without a linearisation or without margins; the message gives the reason."""
-
-
-class Unstable(NotLinear):
-    """A loop that is unstable as it is."""
 
 
 class Kink(NotLinear):
@@ -80,166 +53,6 @@ class Kink(NotLinear):
     def __init__(self, columns: NDArray[np.bool_]) -> None:
         super().__init__("the law has no derivative at this point")
         self.columns = columns
-
-
-@dataclass(frozen=True)
-class Margins:
-    """Margins of a closed loop; each pair is of the torques of both joints, one opened at a time.
-
-    Attributes:
-        delay: smallest added delay of both torques at which the loop is unstable [s]; inf: none
-            up to 1 s.
-        gain_lower: largest factor below 1 at which the loop is unstable; 0: none down to 0.001.
-        gain_upper: smallest factor above 1 at which the loop is unstable; inf: none up to 1,000.
-        phase: [degrees]; inf: none.
-        sensitivity: peak of |S|, S = 1 / (1 + L).
-        complementary: peak of |T|, T = L / (1 + L).
-    """
-
-    delay: float
-    gain_lower: Pair
-    gain_upper: Pair
-    phase: Pair
-    sensitivity: Pair
-    complementary: Pair
-
-
-@dataclass(frozen=True)
-class LinearLoop:
-    """A linearised sampled loop of the torques u [2] and the measured signals y: y = P u, u = K y.
-
-    Attributes:
-        control_dt: sample time [s].
-        delay, lag: of the drive [s].
-        motion: derivative of the arm's state's rate by the state, [n x n]. The state is (q, v) of
-            the joints; those of the hinges of links that bend, and of the motors of elastic joints,
-            follow.
-        drive: its derivative by the commanded torque, [n x 2]; the drive's gain is part of it.
-        measured: index in the state of the position that the encoders read.
-        encoder: latency and difference [samples], and the low-pass filter's share of a new value;
-            difference 0: the velocity is measured.
-        matrices: A, B, C, D of K.
-        readings: number of entries of y in each slot of the observation, by name.
-        action_scale: torque of an action of 1, [2] N m.
-    """
-
-    control_dt: float
-    delay: float
-    lag: float
-    motion: Array
-    drive: Array
-    measured: int
-    encoder: tuple[int, int, float]
-    matrices: tuple[Array, Array, Array, Array]
-    readings: dict[str, int]
-    action_scale: Array
-
-    def plant(self, more_delay: float = 0.0) -> tuple[Array, Array, Array]:
-        """Return A, B, C of P.
-
-        Its state is that of the arm, the drive's torque if it lags, the past commands, and the past
-        readings that the encoders still use. A delay of k + f intervals splits an interval: in its
-        first part f the command is one sample older (Franklin, Powell and Workman, "Digital Control
-        of Dynamic Systems", 1998, §4.3.4).
-        """
-        a, b, size = self.motion, self.drive, len(self.motion)
-        if self.lag > 0.0:
-            a = np.block([[a, b], [np.zeros((2, size)), -np.eye(2) / self.lag]])
-            b = np.vstack([np.zeros((size, 2)), np.eye(2) / self.lag])
-        whole, part = divmod((self.delay + more_delay) / self.control_dt + 1e-9, 1.0)
-        system = a, b, np.zeros((0, len(a))), np.zeros((0, 2))
-        early, early_input, *_ = cont2discrete(system, part * self.control_dt)
-        late, late_input, *_ = cont2discrete(system, (1.0 - part) * self.control_dt)
-
-        # Inputs: the commands of now and of the last samples, as many as act or are observed.
-        # The past ones are states.
-        n, k = len(a), int(whole)
-        past = max(k + 1, self.readings.get("previous_actions", 0) // 2)
-        inputs = np.zeros((n, 2 * (past + 1)))
-        inputs[:, 2 * k : 2 * k + 4] = np.hstack([late_input, late @ early_input])
-        both = np.vstack([np.hstack([late @ early, inputs]), np.eye(2 * past, n + 2 * (past + 1), k=n)])
-        b, both = both[:, n : n + 2], np.delete(both, [n, n + 1], axis=1)
-
-        # The last readings of position and velocity, the newest first, are states, too.
-        (latency, difference, share), length = self.encoder, len(both)
-        a = block_diag(both, np.eye(4 * max(latency, difference), k=-4))
-        readings = np.zeros((4 + len(a) - length, len(a)))
-        readings[4:, length:] = np.eye(len(a) - length)
-        readings[:4, self.measured : self.measured + 4] = np.eye(4)
-        if difference:
-            change = readings[:2] - readings[4 * difference : 4 * difference + 2]
-            readings[2:4] = (1.0 - share) * readings[6:8] + share / (difference * self.control_dt) * change
-        a[length : length + 4] = readings[: len(a) - length][:4]
-
-        outputs = {"position": readings[4 * latency :][:2], "velocity": readings[4 * latency + 2 :][:2]}
-        # An accelerometer reads at the end of an interval, under the torque of that interval.
-        outputs["acceleration"], outputs["previous_actions"] = np.zeros((2, len(a))), np.zeros((2 * past, len(a)))
-        outputs["acceleration"][:, :size] = self.motion[2:4]
-        acting = size if self.lag > 0.0 else n + 2 * k
-        outputs["acceleration"][:, acting : acting + 2] += self.drive[2:4]
-        shares = np.divide(1.0, self.action_scale, out=np.zeros(2), where=self.action_scale > 0.0)
-        outputs["previous_actions"][:, n:length] = np.diag(np.tile(shares, past))
-        rows = [outputs[slot][:number] for slot, number in self.readings.items()]
-        return a, np.vstack([b, np.zeros((len(a) - length, 2))]), np.vstack(rows)
-
-    def _series(self, more_delay: float = 0.0) -> tuple[Array, Array, Array]:
-        """Return A, B, C of K P, the loop that is cut open at the plant's input."""
-        a, b, c = self.plant(more_delay)
-        law_a, law_b, law_c, law_d = self.matrices
-        step = block_diag(a, law_a)
-        step[len(a) :, : len(a)] = law_b @ c
-        return step, np.vstack([b, np.zeros((len(law_a), 2))]), np.hstack([law_d @ c, law_c])
-
-    def response(self, joint: int, points: int = 2000) -> tuple[Array, Array]:
-        """Return frequencies from 0.1 rad/s to Nyquist's, and the loop transfer L, both [points].
-
-        L is that of joint 0 or 1, complex, for negative feedback; the other joint's loop is closed.
-        """
-        a, b, c = self._series()
-        closed = a + np.outer(b[:, 1 - joint], c[1 - joint])
-        frequencies = np.geomspace(0.1, np.pi / self.control_dt, points)
-        z, one = np.exp(1j * frequencies * self.control_dt), np.eye(len(a))
-        return frequencies, np.array([-c[joint] @ np.linalg.solve(x * one - closed, b[:, joint]) for x in z])
-
-    def is_stable(self, factors: Sequence[complex] = (1.0, 1.0), more_delay: float = 0.0) -> bool:
-        """Return True if all eigenvalues of the closed loop are within the unit circle.
-
-        `factors` multiply the torque of each joint; `more_delay` [s] delays both.
-        """
-        a, b, c = self._series(more_delay)
-        return bool(np.abs(np.linalg.eigvals(a + b * np.asarray(factors) @ c)).max() <= UNIT_CIRCLE)
-
-    def margins(self) -> Margins:
-        """Return the margins; raise `NotLinear` if the loop is unstable."""
-        with threadpool_limits(1):  # small matrices only wait for threads
-            if not self.is_stable():
-                raise Unstable("the loop is unstable without dry friction")
-            # Fine within the first samples, where a part of a sample matters most.
-            delays = self.control_dt * np.append(np.arange(0.1, 4.0, 0.1), np.geomspace(4.0, 1e4, 160))
-            delay = _edge(lambda x: self.is_stable(more_delay=x), 0.0, delays[delays <= LONGEST_DELAY])
-            return Margins(delay, *zip(self._joint_margins(0), self._joint_margins(1), strict=True))
-
-    def _joint_margins(self, joint: int) -> tuple[float, ...]:
-        """Return the fields of `Margins` after the first, of one joint."""
-
-        def stable(factor: complex) -> bool:
-            return self.is_stable([factor if i == joint else 1.0 for i in (0, 1)])
-
-        sensitivity = 1.0 / (1.0 + self.response(joint)[1])
-        lower = 1.0 / _edge(lambda x: stable(1.0 / x), 1.0, GAIN_FACTORS)
-        upper = _edge(stable, 1.0, GAIN_FACTORS)
-        phase = _edge(lambda x: stable(np.exp(-1j * np.radians(x))), 0.0, np.arange(2.0, 181.0, 2.0))
-        return lower, upper, phase, np.abs(sensitivity).max(), np.abs(1.0 - sensitivity).max()
-
-
-def _edge(stable: Callable[[float], bool], inside: float, grid: Array) -> float:
-    """Return the first unstable value, from `inside` along the grid; inf: none."""
-    outside = next((x for x in grid if not stable(x)), np.inf)
-    inside = max([inside, *grid[grid < outside]])
-    while np.isfinite(outside) and outside - inside > 1e-5 * outside:
-        middle = 0.5 * (inside + outside)
-        inside, outside = (middle, outside) if stable(middle) else (inside, middle)
-    return float(outside)
 
 
 def linearize(
@@ -307,6 +120,35 @@ def _loop_at(
     return _loop(scenario, interface, truth, actor, observation, state, error)
 
 
+def margin_metrics(
+    policy: PolicySpec, scenario: Scenario, seeds: Sequence[int], gains: Mapping[str, Any] = {}
+) -> list[dict[str, float]]:
+    """Return the metrics of margins of the arm of each seed, by their names in `METRICS`.
+
+    A loop that is unstable without dry friction has no margin; one that cannot be linearised is
+    NaN.
+    """
+    rows = []
+    for loop in linearize_all(policy, scenario, POINT, seeds, **gains):
+        numbers = [math.nan] * 4
+        try:
+            if isinstance(loop, NotLinear):
+                raise loop
+            found = loop.margins()
+            numbers = [
+                min(found.phase),
+                found.delay / scenario.control_dt,
+                min(found.gain_upper),
+                max(found.sensitivity),
+            ]
+        except Unstable:
+            numbers = [0.0, 0.0, 1.0, math.inf]
+        except NotLinear:
+            pass
+        rows.append(dict(zip(MARGINS, np.minimum(numbers, 1e6).tolist(), strict=True)))
+    return rows
+
+
 def margins_as_data(
     policy: PolicySpec, scenario: Scenario, at: Pair = POINT, seed: int = 0, *, response: bool = False
 ) -> dict[str, Any]:
@@ -369,7 +211,7 @@ def _rest(
         learned = None if fresh is None else where_lanes(lost, fresh, learned)
     dt, state, lost = env.scenario.control_dt, learned, np.zeros(len(seeds), dtype=bool)
     points = {i: (last[i], _lane(learned, i), _lane_of(env.truth, i)) for i in range(len(seeds))}
-    moving = {*points}
+    moving, before = {*points}, np.full(len(seeds), np.inf)
     for k in range(round(SETTLING / dt)):
         action, state = actor.predict(observation, state=state, deterministic=True)
         observation, _, terminated, _, _ = env.step(action)
@@ -377,9 +219,12 @@ def _rest(
         if (k + 1) % round(1.0 / dt) == 0:
             truth = env.truth
             speeds = np.abs(np.concatenate([truth.velocity, truth.acceleration], axis=1)).max(axis=1)
-            for i in moving & {*np.flatnonzero(speeds < 1e-6).tolist()} - {*np.flatnonzero(lost).tolist()}:
+            for i in moving & {*np.flatnonzero(speeds < 1e-4).tolist()} - {*np.flatnonzero(lost).tolist()}:
                 points[i] = observation[i], _lane(state, i), _lane_of(truth, i)
                 moving.remove(i)
+            # An arm that loses so little of its speed in a second does not come to rest in time.
+            lost = lost | (speeds > 1e-3) & (speeds > 0.7 * before)
+            before = speeds
         if lost[[*moving]].all():
             break
     yield from points.values()
