@@ -12,7 +12,7 @@ from benchmarks.cli.common import add_file, add_option, add_plot, command_line
 from benchmarks.files import write_text
 from benchmarks.identification import excitation, logs, result
 from benchmarks.identification.fit import TERMS, Fit, identify, refuse_meaningless, rollout_errors, standing_still
-from benchmarks.identification.model import parameters_of, windows
+from benchmarks.identification.model import INDEX, parameters_of, windows
 from benchmarks.report.plot import Line, Panel, plot_lines
 from benchmarks.report.terminal import Screen, table
 from benchmarks.run.traces import write_columns
@@ -85,7 +85,7 @@ def _print(fit: Fit, screen: Screen) -> None:
     header = ("number", "estimate", "90 % interval", "hardly told by these logs")
     screen.print(table("identified arm", header, rows, "left"))
     trials = ", ".join(
-        f"{term} {100 * ratio - 100:+.0f} % ({'stays' if TERMS[term][0] in fit.free else 'left out'})"
+        f"{term} {100 * ratio - 100:+.0f} % ({'stays' if TERMS[term][0] in fit.free else _kept(fit, term)})"
         for term, ratio in fit.trials.items()
     )
     screen.say(f"error on windows that were not fitted, with each term: {trials}")
@@ -93,6 +93,11 @@ def _print(fit: Fit, screen: Screen) -> None:
     ends = [(model, _errors(errors)) for model, errors in fit.errors.items()]
     title = "error after 0.5 s on these logs, joints 1 and 2: RMS (median) [mrad]"
     screen.print(table(title, ("model", "error"), ends))
+
+
+def _kept(fit: Fit, term: str) -> str:
+    numbers = " and ".join(f"{fit.parameters[INDEX[name]]:.3g}" for name in TERMS[term])
+    return f"left out: the scenario keeps the start's {numbers}"
 
 
 def _errors(errors: Array) -> str:

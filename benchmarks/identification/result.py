@@ -73,7 +73,13 @@ description = "identified from {len(logs)} log{"s" * (len(logs) > 1)}: {fit.para
 control_dt = {control:g}
 physics_dt = {control / steps!r}
 duration = {round(start.duration / control) * control:.10g}
-parameter_error = {{ radius = {radius:.4g}, parameters = ["m1", "m2"] }}
+# What the fit does not see apart from these numbers is none: a payload, errors of single links, friction under load.
+parameter_error.radius = {radius:.4g}
+parameter_error.parameters = ["m1", "m2"]
+parameter_error.centre = 1.0
+parameter_error.inertia = 1.0
+parameter_error.rotor = 1.0
+parameter_error.payload = false
 noise.position.bias = [{", ".join(f"{{ uniform = [{-z:.4g}, {z:.4g}] }}" for z in zero)}]
 {"noise.position.quantization = 0.0" if encoder and "counts" in encoder[0] else ""}
 {"noise.velocity = false" if difference and start.noise is not None else ""}
@@ -84,6 +90,7 @@ coulomb = {both("coulomb")}
 viscous = {both("viscous")}
 stiction = {both("stiction")}
 v_s = {V_S}
+load = 0.0
 
 [actuator]
 gain = {both("gain")}

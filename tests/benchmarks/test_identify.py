@@ -315,10 +315,12 @@ def test_the_scenario_of_an_arm_whose_start_has_no_noise(tmp_path, monkeypatch, 
     """The velocity of the log is a difference, and there is no noise of a velocity to switch off."""
     monkeypatch.setattr(fitting, "FOLDS", 2)
     path = tmp_path / "robot.toml"
-    path.write_text('base = "servo-practice-nominal"\nduration = 8.0\nfriction.load = 0.0\n')
+    path.write_text('base = "servo-practice-nominal"\nduration = 8.0\n')
     start = scenarios.get(str(path))
     fbl_gym(f"evaluate pd-gravity --scenario {path} --seeds 1 --trace {tmp_path}/run.csv")
     runs = [read(tmp_path / "run.csv")]
     assert runs[0].difference == 1
     (tmp_path / "arm.toml").write_text(result.text(identify(runs, start), runs, start, str(path), ""))
-    assert scenarios.get(str(tmp_path / "arm.toml")).noise.velocity is None
+    arm = scenarios.get(str(tmp_path / "arm.toml"))
+    assert arm.noise.velocity is None
+    assert (arm.parameter_error.payload, arm.friction.load) == (None, (0.0, 0.0))
