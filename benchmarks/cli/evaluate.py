@@ -29,7 +29,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     common.add(parser, "policies", "--scenario")
     common.add_option(parser, "--seeds", common.episodes, 16, "N", "test seeds 0 to N-1, an arm each")
     common.add_option(parser, "--trials", common.count, 1, "K", "repeat each arm's motion in K episodes in a row")
-    common.add_plot(parser, "the signals of one policy, the errors of several, or the errors over the trials")
+    common.add_plot(parser, "the signals of one policy or of several, or the errors over the trials")
     common.add_file(parser, "--csv", "write all metrics of all runs", ".csv")
     signals = "write all signals of all seeds, also readings and the policy's state, a file for each policy"
     common.add_file(parser, "--trace", signals, ".csv", ".mat")
@@ -61,7 +61,7 @@ def run(arguments: argparse.Namespace) -> int:
         draw = partial(plot_lines, f"Error over trials of {scenario.name}", [_trials_panel(runs)])
     elif not alone:
         lines = _comparison({policy: rows for policy, (rows,) in runs.items()}, scenario)
-        draw = partial(plot_comparison, last, f"Tracking errors on {scenario.name}")
+        draw = partial(plot_comparison, last, f"Tracking on {scenario.name}")
     else:
         (trace,), ((rows,),) = last.values(), runs.values()
         title = f"{policies[0]} on {title}"

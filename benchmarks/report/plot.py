@@ -212,10 +212,10 @@ def plot_trace(trace: Trace, title: str, path: Path, width: int | None = None) -
 
 
 def plot_comparison(traces: Mapping[str, Trace], title: str, path: Path, width: int | None = None) -> None:
-    """Draw the tracking errors of several policies over the time.
+    """Draw errors, angles and torques of several policies over the time.
 
     Several seeds give medians and bands of the mean absolute error in each fiftieth of the episode,
-    in which a diverged run has the worst error.
+    in which a diverged run has the worst error. Angles and torques are those of the first seed.
     """
     first = next(iter(traces.values()))
     single = len(first.seeds) == 1
@@ -231,7 +231,17 @@ def plot_comparison(traces: Mapping[str, Trace], title: str, path: Path, width: 
         for joint in (0, 1):
             lines[joint].append(band(time, means[..., joint], policy))
     panels = [Panel(f"joint {j + 1}", "time [s]", label, tuple(lines[j]), ("linear", scale)) for j in (0, 1)]
-    plot_lines(title, panels, path, width)
+    here = "" if single else f", seed {first.seeds[0]}"
+    for name, signal in (("position", "angle [rad]"), ("torque", "torque [N m]")):
+        for j in (0, 1):
+            own = [
+                Line(first.time, np.where(trace.alive, getattr(trace, name)[..., j], np.nan)[:, 0], policy)
+                for policy, trace in traces.items()
+            ]
+            if name == "position":
+                own.append(Line(first.time, first.reference[:, 0, j], "_", "black", ":"))
+            panels.append(Panel("", "time [s]", signal + here, tuple(own)))
+    plot_lines(title, panels, path, width, across=2)
 
 
 def plot_errors(boards: Mapping[str, Board], path: Path, rows: int = 8) -> None:

@@ -76,3 +76,7 @@ def test_a_diverged_run_counts_in_a_comparison(trace, panels, tmp_path):
     np.testing.assert_allclose(panels[0].lines[1].y, 1e3 * np.pi)
     assert len(panels[0].lines[0].x) == 50
     assert panels[0].lines[0].y.max() < 1e3
+    # Angles and torques are those of the first seed.
+    np.testing.assert_array_equal(panels[3].lines[0].y, trace.position[:, 0, 1])
+    np.testing.assert_array_equal(panels[4].lines[0].y, trace.torque[:, 0, 0])
+    assert np.isnan(panels[4].lines[1].y).all()
