@@ -65,6 +65,7 @@ class TwoLinkArmVectorEnv(TaskProperties, VectorEnv[Array, Array, Array]):
         preview: int = 0,
         past_actions: int = 0,
         info: bool = False,
+        context: bool = False,
         autoreset_mode: AutoresetMode | str = AutoresetMode.NEXT_STEP,
         max_episode_steps: int | None = None,
         threads: int | None = None,
@@ -79,7 +80,7 @@ class TwoLinkArmVectorEnv(TaskProperties, VectorEnv[Array, Array, Array]):
             check_whole("max_episode_steps", max_episode_steps, low=1)
         self._prepare(
             scenario, options, reward=reward, action=action, preview=preview, past_actions=past_actions, info=info,
-            lanes=self.num_envs, threads=threads, device=device, max_episode_steps=max_episode_steps,
+            context=context, lanes=self.num_envs, threads=threads, device=device, max_episode_steps=max_episode_steps,
             autoreset=_AUTORESET.index(self.autoreset_mode), render_mode=render_mode, render_size=render_size,
         )  # fmt: skip
         self.metadata = {**self.metadata, "autoreset_mode": self.autoreset_mode}
@@ -103,8 +104,8 @@ class TwoLinkArmVectorEnv(TaskProperties, VectorEnv[Array, Array, Array]):
                 [num_envs x ...].
 
         Returns:
-            Observations [num_envs x size], unchanged for lanes that were not reset, and an empty
-            info.
+            Observations [num_envs x size], unchanged for lanes that were not reset, and infos. They
+            are empty without `context=True`. With it, they have `context`, and its mask `_context`.
         """
         check_reset_options(options, ("reset_mask", *START))
         mask = self._as_mask((options or {}).get("reset_mask"))
@@ -124,7 +125,7 @@ class TwoLinkArmVectorEnv(TaskProperties, VectorEnv[Array, Array, Array]):
         self._begun = True
         observations = self._batch.observations()
         self._batch.reset(chosen, observations)
-        return observations, {}
+        return observations, _in_lanes(mask, self._context())
 
     def step(self, actions: Any) -> tuple[Any, Any, Any, Any, dict[str, Any]]:
         """Hold each lane's action for `control_dt`.
@@ -137,7 +138,8 @@ class TwoLinkArmVectorEnv(TaskProperties, VectorEnv[Array, Array, Array]):
             In SAME_STEP mode, infos has `final_obs` and `final_info` of the lanes that ended, with
             their masks `_final_obs` and `_final_info`. With `info=True` or `constraints`, it has
             the arrays of `TwoLinkArmEnv`, with masks that are False in lanes that this step reset;
-            those of their last step are in `final_info`. On a GPU, `final_obs` is one array
+            those of their last step are in `final_info`. With `context=True`, it has the context of
+            the lanes that this step reset. On a GPU, `final_obs` is one array
             [num_envs x size], of which the rows of lanes that ended count; torch has their mask.
 
         Raises:
@@ -180,6 +182,8 @@ class TwoLinkArmVectorEnv(TaskProperties, VectorEnv[Array, Array, Array]):
     def _infos(self, terminated: Flags, truncated: Flags) -> dict[str, Any]:
         measures = self._measures() if self._reports else {}
         infos: dict[str, Any] = _in_lanes(self._batch.field("step") > 0, measures) if measures else {}
+        if self._has_context and (begins := self._batch.field("step") == 0).any():
+            infos |= _in_lanes(begins, self._context())
         if self.autoreset_mode != AutoresetMode.SAME_STEP:
             return infos
         if self.device == "cuda":  # nothing here waits for the GPU, but for measures

@@ -172,8 +172,9 @@ class _Oscillation(_Reference):
     @property
     def range(self) -> tuple[Pair, Pair]:
         """Return the lowest and the highest position of each joint [rad], for any phase."""
-        centres, (_, sizes) = (np.transpose([*map(ends, joints)]) for joints in (self.centre, self.amplitude))
-        return _range(centres + np.outer([-1, 1], sizes))
+        joints: Any = zip(self.centre, self.amplitude, strict=True)  # type: ignore[arg-type]
+        centres, sizes = np.transpose([(ends(centre), ends(size)) for centre, size in joints], (1, 2, 0))
+        return _range(centres + np.outer([-1, 1], sizes[1]))
 
     def pack(self, packer: Any) -> None:
         """Write the sines; those of `FourierReference` have drawn phases."""
