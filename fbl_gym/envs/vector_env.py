@@ -12,6 +12,7 @@ from gymnasium.vector.utils import batch_space
 from numpy.typing import NDArray
 
 from fbl_gym.envs.env_common import MAX_SEED, START, TaskProperties, as_actions, check_reset_options, check_seed
+from fbl_gym.envs.side_by_side import side_by_side
 from fbl_gym.kernel.batch import Flags, Truth
 from fbl_gym.model.arm import Array
 from fbl_gym.options import Reward
@@ -32,10 +33,13 @@ class TwoLinkArmVectorEnv(TaskProperties, VectorEnv[Array, Array, Array]):
     environment with seed s bit for bit, for any `num_envs`. As in Gymnasium's vector environments,
     `reset(seed=s)` gives lane i the seed s + i.
 
+    With a list of scenarios, this returns a `SideBySideVectorEnv`: a batch of each, side by side.
+
     The other arguments are those of `TwoLinkArmEnv`.
 
     Args:
         num_envs: number of lanes, one or more.
+        scenario: as in `TwoLinkArmEnv`, or a list of them, which share the lanes equally.
         autoreset_mode: NEXT_STEP (default), SAME_STEP or DISABLED, as
             `gymnasium.vector.AutoresetMode` or its value.
         max_episode_steps: truncate after this number of steps, if the scenario's duration is
@@ -54,6 +58,12 @@ class TwoLinkArmVectorEnv(TaskProperties, VectorEnv[Array, Array, Array]):
     """
 
     metadata = {"render_modes": ["rgb_array"], "render_fps": 100}  # noqa: RUF012 - as in Gymnasium
+
+    def __new__(cls, num_envs: int = 1, scenario: Any = None, **options: Any) -> Any:
+        """Return a batch of one scenario, or those of a list side by side."""
+        if isinstance(scenario, list | tuple):
+            return side_by_side(cls, num_envs, scenario, options)
+        return super().__new__(cls)
 
     def __init__(
         self,

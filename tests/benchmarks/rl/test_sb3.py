@@ -312,7 +312,7 @@ def test_every_step_equals_that_of_single_environments():
 def test_attributes_and_methods_follow_sb3():
     env = batched()
     assert env.get_attr("render_mode") == [None] * LANES
-    assert env.get_attr("interface", indices=1) == [env.envs[0].unwrapped.interface]
+    assert env.get_attr("interface", indices=1) == [env._batch.envs[0].interface]
     assert env.env_is_wrapped(gymnasium.wrappers.TimeLimit) == [False] * LANES
     assert not env.has_attr("no_such_thing")
     for change in (lambda: env.set_attr("scenario", None), lambda: env.env_method("reset")):
