@@ -12,18 +12,14 @@ import controllers
 from controllers.base import State, TorqueLaw
 from controllers.composition import PARTS
 from controllers.name import PolicyName
-from fbl_gym.envs.error_scales import ErrorScales
+from fbl_gym.envs.error_scales import ErrorScales, drive_numbers
 from fbl_gym.interface import Interface
 from fbl_gym.model.arm import Array, inertia_matrix
 from fbl_gym.options import SENSORS
 from fbl_gym.records.checks import check_choice, check_choices, check_number
 from fbl_gym.records.record import Record, choice, choices, declared, number, whole
-from fbl_gym.scenarios.classes import CLASSES
 
 ACTIONS = ("torque", "residual", "blend")
-
-DRIVE_SCALE = 0.05
-"""Scale of the drive's delay and lag in the agent's observation [s]."""
 
 PREVIEWED = 5
 """Number of coming samples of the reference that an agent with preview observes."""
@@ -139,9 +135,7 @@ class AgentAdapter:
             raise ValueError("not applicable: the agent's actions are shares of torque limits, and there are none")
         self._errors = ErrorScales(interface, settings.sensors, settings.scales)
         self._step_size = self._errors.size + 2  # the errors and the action of one earlier step
-        drive = np.array([*interface.delay, *interface.lag]) / DRIVE_SCALE
-        robot = [float(interface.robot_class == name) for name in CLASSES]
-        self._drive = np.array([*drive, *robot] if settings.drive else [])
+        self._drive = drive_numbers(interface) if settings.drive else np.empty(0)
         self.hold = max(1, round(settings.period / interface.control_dt))
         ahead, reference = settings.previewed(interface.control_dt), interface.layout.reference.reshape(-1, 6)
         if ahead >= len(reference):
