@@ -240,21 +240,6 @@ def test_a_controlled_motion_agrees_with_the_solver(case):
 
 # Without control.
 
-ARMS = {"table-1": TABLE_1, "rods": TABLE_1.as_rods(), "section-2-2": SECTION_2_2}
-
-
-@pytest.mark.parametrize("arm", ARMS.values(), ids=ARMS)
-def test_a_free_swing_agrees_with_the_solver(arm):
-    """Ten seconds without torque and friction, agreeing to 1e-8.
-
-    The swing of about 0.8 rad about hanging is regular. A higher one would be chaotic: no two integrators agree for long.
-    """
-    reference = SineReference(centre=(-math.pi / 2 + 0.8, -0.5), amplitude=(0.5, 0.3), frequency=0.1)
-    ours, _ = run_env(nothing, 200, 0.05, physics_dt=5e-4, arm=arm, reference=reference, actuator=None)
-    theirs, _ = World(arm).run(nothing, ours[0], (0.0, 0.0), 200, 0.05)
-    assert np.abs(ours[0, 2:]).min() > 0.1  # both joints start in motion
-    np.testing.assert_allclose(ours, theirs, rtol=0, atol=1e-8)
-
 
 def test_sliding_under_coulomb_friction_agrees_with_the_solver():
     """Ten seconds in closed loop with both joints turning one way, joint 2 the other way than joint 1."""
