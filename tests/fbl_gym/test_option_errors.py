@@ -52,10 +52,7 @@ def with_position_noise(**fields):
         ({"encoder": {"low_pass": 10}}, "low_pass filters a computed velocity: give difference too, got low_pass=10.0"),
         ({"encoder": {"difference": 1}, **VELOCITY_NOISE}, "noise.velocity is of a measured velocity"),
         ({"encoder": {"difference": 1}, **ONLY_POSITION}, "encoder.difference computes a velocity, but sensors"),
-        (
-            {"encoder": 4096, **with_position_noise(quantization=0.1)},
-            "encoder.counts or noise.position.quant.*, not both",
-        ),
+        ({"encoder": 4096, **with_position_noise(quantization=0.1)}, "encoder.counts or noise.position.quant.*, not both"),
         ({"events": [{"kind": "friction", "time": 1.0, "factor": 2.0}]}, "friction is None"),
         # Arms and limits beyond the numbers of a float
         *[
@@ -63,10 +60,7 @@ def with_position_noise(**fields):
             for name, x in (("m1", 1e-300), ("L1", 1e200), ("L1", 1e-105), ("gravity", 1e308))
         ],
         ({"joint": 1000.0}, r"need rotors: give joint.rotor_inertia or arm.rotor"),
-        (
-            {"joint": {**JOINT, "frequency": 9.0}},
-            "give one of stiffness .* and frequency .*; got stiffness=.*frequency=",
-        ),
+        ({"joint": {**JOINT, "frequency": 9.0}}, "give one of stiffness .* and frequency .*; got stiffness=.*frequency="),
         ({"joint": {"rotor_inertia": 0.5}}, "give one of stiffness .* and frequency"),
         ({"joint": {**JOINT, "stiffness": {"choice": [500.0, 1e8]}}}, "too long for these joints"),
         ({"joint": JOINT, "friction": {"law": "literal"}}, r"friction\.law must be 'exact' with elastic joints"),
@@ -106,18 +100,11 @@ def with_position_noise(**fields):
         ({"events": [{"kind": "kick", "time": 1.0}]}, r"kind of events\[0\] 'kick'"),
         *[({"events": events}, "events must be a list") for events in ({"kind": "drop", "time": 1.0}, "drop", 3.0)],
         ({"reference": "minimum-jrk"}, "'minimum-jrk'; did you mean 'minimum-jerk'"),
-        ({"reward": "l1"}, "reward must be a Reward, a dict of its fields .*got 'l1'"),
-        ({"parameter_error": {"payload": "2"}}, "payload must be a Payload, .* or its mass, got '2'"),
         ({"parameter_error": {"ratio": (1.0, 2.0)}}, r"ratio must be one number, four .* got \(1.0, 2.0\)"),
         ({"parameter_error": {"ratio": 0.0}}, "ratio must be a finite number greater than 0, got 0.0"),
         ({"parameter_error": {"ratio": {"m2": "x"}}}, "ratio of m2 must be a finite number greater than 0, got 'x'"),
         ({"parameter_error": {"ratio": {"mm1": 2.0}}}, "unknown parameter of ratio 'mm1'; did you mean 'm1'"),
-        ({"noise": {"position": np.array("x")}}, "sigma must be"),
-        *[
-            ({"preview": x}, f"preview must be a whole number not below 0 and not above 100000, got {x}")
-            for x in (-1, 2**60)
-        ],
-        ({"drawn_per": "run"}, "unknown drawn_per 'run'"),
+        *[({"preview": x}, f"preview must be a whole number not below 0 and not above 100000, got {x}") for x in (-1, 2**60)],
         # Distributions
         (with_coulomb({"uniform": [5, 1]}), r"friction: coulomb: a range must be two .* got \(5.0, 1.0\)"),
         (with_coulomb({"log_uniform": [0, 1]}), r"coulomb: log_uniform\[0\] must be .* greater than 0, got 0"),
@@ -125,11 +112,9 @@ def with_position_noise(**fields):
         (with_coulomb({"choice": []}), r"coulomb: choice must be a list of numbers, got \[\]"),
         (with_coulomb({"unifrom": [0, 1]}), "unknown field of coulomb 'unifrom'; did you mean 'uniform'"),
         (with_coulomb({"uniform": [0, 1], "choice": [1]}), "give one of uniform, log_uniform, choice, got"),
-        (with_coulomb({}), "give one of uniform, log_uniform, choice, got"),
-        (with_coulomb([{"uniform": [0, 1]}] * 3), "coulomb must be one number, or one for each of"),
     ],
     ids=str,
-)
+)  # fmt: skip
 def test_wrong_options_are_named(options, message):
     with pytest.raises(ValueError, match=message):
         TwoLinkArmEnv(**options)
