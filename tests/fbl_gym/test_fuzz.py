@@ -3,6 +3,7 @@
 The options come from their declarations: a new number needs a range in `RANGES`, and is then in every test.
 """
 
+import contextlib
 import dataclasses
 import functools
 import json
@@ -140,6 +141,13 @@ def without(fields, *names):
     return {name: value for name, value in (fields or {}).items() if name not in names}
 
 
+def fits(options):
+    """Return True if the physics step is short enough for the plant."""
+    with contextlib.suppress(ValueError):
+        return bool(Scenario(**{name: options[name] for name in PLANT if name in options}))
+    return False
+
+
 def make_valid(options):
     """Take out what contradicts other options."""
     sensors, encoder = options["sensors"], options.get("encoder") or {}
@@ -169,31 +177,23 @@ def make_valid(options):
             options["reference"] = reference = {**reference, name: (reference[name] * n)[:n]}
     if "friction" in options and ("joint" in options or "link" in options):
         options["friction"] = without(options["friction"], "law")
-    if "link" in options:
-        try:
-            Scenario(**{name: options[name] for name in PLANT if name in options})
-        except ValueError:  # too fast for the step, perhaps with this joint or friction
-            del options["link"]
+    if "link" in options and not fits(options):  # too fast for the step, perhaps with this joint or friction
+        del options["link"]
     while "joint" in options:  # until it is soft enough for the step
         joint = options["joint"] = {"rotor_inertia": 1.0, **without(options["joint"], "damping")}
         joint["rotor_inertia"] = joint["rotor_inertia"] or 1.0
         joint["stiffness"] = None if joint.get("frequency") is not None else joint.get("stiffness") or 1e3
-        try:
-            Scenario(**{name: options[name] for name in PLANT if name in options})
+        if fits(options):
             break
-        except ValueError:
-            joint["frequency"], joint["stiffness"] = None, 1.0 if joint["stiffness"] != 1.0 else 0.01
-            if joint["stiffness"] == 0.01:
-                del options["joint"]
+        joint["frequency"], joint["stiffness"] = None, 1.0 if joint["stiffness"] != 1.0 else 0.01
+        if joint["stiffness"] == 0.01:
+            del options["joint"]
     if "datasheet" in options:
         springs = ("stiffness", "damping", "rotor_inertia", "backlash") if "joint" not in options else ()
         unread = {"velocity", "acceleration"}.difference(sensors)
         options["datasheet"] = without(options["datasheet"], *springs, *(f"{sensor}_noise" for sensor in unread))
-    if "joint" not in options and "friction" in options:
-        try:
-            Scenario(**{name: options[name] for name in PLANT if name in options})
-        except ValueError:  # too strong for the step
-            options["friction"] = without(options["friction"], "viscous")
+    if "joint" not in options and "friction" in options and not fits(options):  # too strong for the step
+        options["friction"] = without(options["friction"], "viscous")
 
 
 def actions_of(seed, lanes, env):
