@@ -5,7 +5,6 @@ import pytest
 
 import controllers
 from fbl_gym import TwoLinkArmEnv, TwoLinkArmTrackingEnv, TwoLinkArmTrackingVectorEnv
-from tests.fbl_gym.episodes import started
 from tests.fbl_gym.paired_runs import play, torques
 
 
@@ -13,13 +12,6 @@ def test_the_torque_limit_clips_the_applied_torque():
     _, _, truths = play(actuator={"torque_limit": (100.0, 30.0)})
     for k, truth in enumerate(truths[1:]):
         assert np.array_equal(truth.applied_torque, np.clip(torques(k), [-100.0, -30.0], [100.0, 30.0]))
-
-
-def test_a_normalized_action_is_a_fraction_of_the_torque_limit():
-    env = started(actuator={"torque_limit": (300.0, 50.0)})
-    assert env.interface.torque_limit == (300.0, 50.0)
-    env.step((0.25, -0.5))
-    np.testing.assert_array_equal(env.truth.applied_torque, [75.0, -25.0])
 
 
 @pytest.mark.parametrize("plant", [None, "mujoco"])

@@ -13,7 +13,6 @@ from fbl_gym.model.chain import HINGE, chain_dynamics, segment_terms
 from fbl_gym.options import FlexibleLink
 from fbl_gym.options.link import fastest_rate, straight_chain
 from tests.fbl_gym.episodes import started, truths_of
-from tests.fbl_gym.paired_runs import same
 from tests.fbl_gym.test_elastic import HELD, JOINT, OPTIONS, B, D, K, torque
 
 ARM = ArmParameters(inertia=(0.08, 0.07), rotor=(0.5, 0.2))
@@ -159,15 +158,7 @@ def test_joints_that_turn_too_fast_for_a_balance_start_in_that_at_rest():
     np.testing.assert_array_equal((fast.bend, slow.bend), 0.0)
 
 
-def test_links_that_bend_change_the_plant_alone():
-    """Reference, arm and disturbance are those of rigid links; encoders read the joints."""
-    disturbance = {"kind": "piecewise-constant", "amplitude": 20.0}
-    options = {"reference": "minimum-jerk", "disturbance": disturbance, "parameter_error": {"radius": 0.2}}
-    rigid, bent = (run(30, link=link, **options) for link in (None, LINK))
-    assert same(rigid, bent, "reference", "reference_velocity", "disturbance", "lumped", "applied_torque")
-    assert not same(rigid[1:], bent[1:], "position")
-    for truth in rigid:
-        np.testing.assert_array_equal([truth.bend, truth.bend_velocity, truth.bend_rate], 0.0)
+def test_encoders_read_the_joints_of_links_that_bend():
     env = started(**{**OPTIONS, "link": {"frequency": {"uniform": [10.0, 20.0]}}})
     observation = env.step((5.0, 0.0))[0]
     np.testing.assert_array_equal(observation[env.layout["position"]], env.truth.position)
