@@ -18,13 +18,15 @@ NORMS = {"time": 20.0, "energy": 60.0, "torque_cost": 20.0, "smoothness": 0.1, "
 def criteria(env, policy):
     """Return DFKI's criteria of an episode by name: success, time [s], energy [J] and so on."""
     (observation, _), state, over = env.reset(seed=0), None, False
-    motion, torques = [[*env.truth.position, *env.truth.velocity]], []
+    truth = env.truth
+    motion, torques = [[*truth.position, *truth.velocity]], []
     while not over:
         action, state = policy.predict(observation, state)
         observation, _, terminated, truncated, _ = env.step(action)
         over = terminated or truncated
-        motion.append([*env.truth.position, *env.truth.velocity])
-        torques.append(env.truth.applied_torque)
+        truth = env.truth
+        motion.append([*truth.position, *truth.velocity])
+        torques.append(truth.applied_torque)
     motion, torques, dt = np.array(motion), np.array(torques), env.scenario.control_dt
     arm = env.scenario.arm
     height = joint_positions(arm, motion[:, :2])[:, 2, 1]

@@ -19,5 +19,5 @@ def _logs_of_stable_baselines3(tmp_path_factory):
 def pytest_collection_modifyitems(items):
     """Tests that look at a page in a browser are slow."""
     for item in items:
-        if "page" in item.fixturenames and item.path.name == "test_page.py":
+        if "browser" in item.fixturenames and item.path.name == "test_page.py":
             item.add_marker(pytest.mark.slow)

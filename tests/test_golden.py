@@ -18,14 +18,10 @@ from fbl_gym import TwoLinkArmVectorEnv, scenarios
 
 FOLDER = Path(__file__).parent / "golden"
 CASES = [
-    ("pd-gravity", "nominal"),
-    ("cascade-flm", "everything-2"),
-    ("adaptive-flm", "paper-6a"),
-    ("robust-flm", "paper-4b"),
-    ("slotine-li", "mixed-error-2"),
-    ("sliding-mode", "stiction-2"),
+    ("pd-gravity", "nominal"), ("cascade-flm", "everything-2"), ("adaptive-flm", "paper-6a"),
+    ("robust-flm", "paper-4b"), ("slotine-li", "mixed-error-2"), ("sliding-mode", "stiction-2"),
     ("ppo-memory", "payload-2"),
-]
+]  # fmt: skip
 EVERY = 50
 
 
@@ -51,15 +47,12 @@ WORLDS = {
     "nominal": {},
     "everything-2": {"scenario": "everything-2"},
     "section-2-2": {
-        "scenario": "everything-1",
-        "arm": "section-2-2",
-        "actuator": {"torque_limit": (70000.0, 22000.0)},
+        "scenario": "everything-1", "arm": "section-2-2", "actuator": {"torque_limit": (70000.0, 22000.0)},
         "parameter_error": {"radius": 0.25, "payload": {"mass": 1 / 3 * 0.5, "pick_up": 3.0, "drop": 7.0}},
     },
     "slow drive, sine": {
-        "actuator": {"delay": 0.015, "lag": 0.02},
+        "actuator": {"delay": 0.015, "lag": 0.02}, "preview": 2,
         "disturbance": {"kind": "sine", "amplitude": 20.0, "frequency": 3.0},
-        "preview": 2,
     },
     "literal friction, pulses": {
         "friction": {"viscous": 1.0, "coulomb": 5.0, "stiction": 5.0, "law": "literal"},
@@ -68,7 +61,7 @@ WORLDS = {
     "filtered steps": {"reference": {"kind": "filtered-steps"}, "reward": {"tracking": "l1"}},
     "Fourier": {"reference": {"kind": "fourier"}, "action": "acceleration"},
     "next episodes": {"duration": 0.3, "autoreset_mode": "SameStep", "noise": {"position": 0.01, "velocity": 0.1}},
-}
+}  # fmt: skip
 
 
 def bits(options):

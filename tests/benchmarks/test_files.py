@@ -25,21 +25,16 @@ pytestmark = pytest.mark.skipif(sys.platform == "win32", reason="has no named pi
 
 DESCRIPTION = '{"interface": {}, "network": {"layers": 1}}'
 READERS = {
-    "arm.urdf": load_urdf,
-    "arm.toml": scenarios.get,
+    "arm.urdf": load_urdf, "arm.toml": scenarios.get,
     "base.toml": lambda path: write_text(Path("of.toml"), f'base = "{path}"\n') or scenarios.get("of.toml"),
-    "suite.toml": load,
-    "log.csv": lambda path: logs.read(Path(path)),
-    "log.csv.gz": lambda path: logs.read(Path(path)),
+    "suite.toml": load, "log.csv": lambda path: logs.read(Path(path)), "log.csv.gz": lambda path: logs.read(Path(path)),
     "gains.json": lambda path: PolicyName.parse(f"pd-gravity@{path}").given_gains,
     "weights.npz": lambda path: write_text(Path("agent.json"), DESCRIPTION) or read(Path()),
-    "agent.json": lambda path: read(Path()),
-    "run.json": lambda path: read_groups([Path()]),
+    "agent.json": lambda path: read(Path()), "run.json": lambda path: read_groups([Path()]),
     "curve.csv": lambda path: write_text(Path("run.json"), '{"seed": 0}') or read_groups([Path()]),
     "hyperparameters.json": lambda path: _hyperparameters(Path(path), "ppo"),
-    "result.json": lambda path: Store(Path()).load(Path(path)),
-    "data.txt": lambda path: file_digest(Path(path)),
-}
+    "result.json": lambda path: Store(Path()).load(Path(path)), "data.txt": lambda path: file_digest(Path(path)),
+}  # fmt: skip
 
 
 @pytest.mark.usefixtures("folder")

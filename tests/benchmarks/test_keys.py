@@ -33,16 +33,13 @@ def tree(folder, files):
 def test_the_key_follows_policy_scenario_and_seeds():
     cell = Cell("pid-flm", "nominal", (0, 1, 2))
     others = [
-        Cell("cascade-flm", cell.scenario, cell.seeds),
-        Cell("pid-flm@tuned", cell.scenario, cell.seeds),
-        Cell("ppo-blend@1", cell.scenario, cell.seeds),
-        Cell("ppo-blend@2", cell.scenario, cell.seeds),
+        Cell("cascade-flm", cell.scenario, cell.seeds), Cell("pid-flm@tuned", cell.scenario, cell.seeds),
+        Cell("ppo-blend@1", cell.scenario, cell.seeds), Cell("ppo-blend@2", cell.scenario, cell.seeds),
         Cell("pid-flm", cell.scenario.replace(noise={"position": 1e-9}), cell.seeds),
-        Cell("pid-flm", cell.scenario.replace(control_dt=0.02), cell.seeds),
-        Cell("pid-flm", cell.scenario, (0, 1)),
+        Cell("pid-flm", cell.scenario.replace(control_dt=0.02), cell.seeds), Cell("pid-flm", cell.scenario, (0, 1)),
         Cell("controllers.laws.simple:Zero", cell.scenario, cell.seeds),
         Cell("controllers.laws.simple:PdGravity", cell.scenario, cell.seeds),
-    ]
+    ]  # fmt: skip
     keys = {c.key for c in (cell, *others)}
     assert len(keys) == len(others) + 1
     assert Cell("pid-flm", cell.scenario.replace(description="other words"), cell.seeds).key == cell.key
@@ -67,13 +64,9 @@ def test_the_key_follows_the_bytes_of_an_external_policy(tmp_path):
 
 def test_the_key_follows_all_that_an_external_file_imports(tmp_path):
     files = {
-        "mine": f"import importlib\nimportlib.import_module('helper')\n{LAW}",
-        "helper": "from parts import deep\n",
-        "parts/__init__": "",
-        "parts/deep": "from .deeper import x\n",
-        "parts/deeper": "x = 1\n",
-        "other": "",
-    }
+        "mine": f"import importlib\nimportlib.import_module('helper')\n{LAW}", "helper": "from parts import deep\n",
+        "parts/__init__": "", "parts/deep": "from .deeper import x\n", "parts/deeper": "x = 1\n", "other": "",
+    }  # fmt: skip
     tree(tmp_path, files)
     all_keys = [Cell(str(tmp_path / "mine.py"), "nominal", (0,)).key]
     for name in ("helper", "parts/__init__", "parts/deep", "parts/deeper"):
@@ -208,14 +201,11 @@ def test_a_name_of_the_package_wins_over_a_folder_of_that_name(folder):
 @pytest.mark.parametrize(
     ("text", "parts"),
     [
-        ("C:\\laws\\my.py", ("C:\\laws\\my.py", "")),
-        ("C:\\laws\\my.py:Law", ("C:\\laws\\my.py", "Law")),
-        ("a:b/law.py:Law", ("a:b/law.py", "Law")),
-        ("a:b/law.py", ("a:b/law.py", "")),
-        ("package.module:Law", ("package.module", "Law")),
-        ("law.py", ("law.py", "")),
+        ("C:\\laws\\my.py", ("C:\\laws\\my.py", "")), ("C:\\laws\\my.py:Law", ("C:\\laws\\my.py", "Law")),
+        ("a:b/law.py:Law", ("a:b/law.py", "Law")), ("a:b/law.py", ("a:b/law.py", "")),
+        ("package.module:Law", ("package.module", "Law")), ("law.py", ("law.py", "")),
     ],
-)
+)  # fmt: skip
 def test_a_path_may_contain_a_colon(text, parts):
     name = PolicyName.parse(text)
     assert (name.source, name.attribute) == parts

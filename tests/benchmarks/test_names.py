@@ -73,7 +73,7 @@ def test_a_name_of_an_unknown_form_is_refused():
         "x.zip",
     ):
         assert PolicyName.parse(str(PolicyName.parse(text))) == PolicyName.parse(text)
-        assert str(PolicyName.parse(text)) == text
+        assert str(PolicyName.parse(text)) == text  # fmt: skip
 
 
 @pytest.mark.parametrize(
@@ -137,12 +137,10 @@ def files(folder):
 @pytest.mark.parametrize(
     ("text", "frequency", "damping"),
     [
-        ("pd-gravity@my_arm", (8.0, 8.0), 0.4),
-        ("pd-gravity@my_arm/pd-gravity.json@damping=0.7", (8.0, 8.0), 0.7),
-        ("law.py@gains.json", (8.0, 9.0), 0.4),
-        ("law.py:PdGravity@frequency=8,9", (8.0, 9.0), 0.4),
+        ("pd-gravity@my_arm", (8.0, 8.0), 0.4), ("pd-gravity@my_arm/pd-gravity.json@damping=0.7", (8.0, 8.0), 0.7),
+        ("law.py@gains.json", (8.0, 9.0), 0.4), ("law.py:PdGravity@frequency=8,9", (8.0, 9.0), 0.4),
     ],
-)
+)  # fmt: skip
 def test_gains_of_a_text_reach_the_law(text, frequency, damping):
     spec = resolve(text)
     law = spec.make(TwoLinkArmEnv())
@@ -168,15 +166,12 @@ def test_gains_hide_no_code_that_needs_trust():
         ("pid-flm@lost/gains", "gains of pid-flm: there is no file lost/gains/pid-flm.json"),
         ("law.py@lost.json", "gains of law.py: there is no file lost.json"),
         ("law.py@law.json", "law.json must be JSON with numbers"),
-        (
-            "pid-flm@kp=x",
-            "must be such as kp=25, kp=25,30 for the two joints, or kp=0.5x for half the tuned or default",
-        ),
+        ("pid-flm@kp=x", "must be such as kp=25, kp=25,30 for the two joints, or kp=0.5x for half the tuned or default"),
         ("pid-flm@kp=1,2,3", "must be such as kp=25, .* got 'kp=1,2,3'"),
         ("ppo-memory@seed=2x", "seed must be a number, since there is no tuned or default one, got 2x"),
         ("ppo-memory@kp=3", "unknown argument of ppo-memory 'kp'"),
     ],
-)
+)  # fmt: skip
 def test_wrong_gains_are_refused(text, message, folder):
     (folder / "law.json").write_text('{"gains": {"kp": "x"}}')
     with pytest.raises(ValueError, match=message):

@@ -19,10 +19,8 @@ from benchmarks.run.runner import run_cell
 from fbl_gym import scenarios
 
 POLICIES = ("zero", "pd-gravity", "pid-flm", "cascade-flm", "adaptive-flm", "oracle-flm")
-SCENARIOS = (
-    "nominal", *(f"{family}-{severity}" for family in ("mass-error", "disturbance") for severity in (1, 2, 3)), "knock",
-)  # fmt: skip
-SEEDS = tuple(range(8))
+SCENARIOS = ("nominal", "mass-error-1", "mass-error-3", "disturbance-2", "knock")
+SEEDS = tuple(range(4))
 BROWSER, DRIVER = shutil.which("chromium") or shutil.which("google-chrome"), shutil.which("chromedriver")
 
 
@@ -212,9 +210,14 @@ def named(tmp_path_factory):
     return path
 
 
+def test_no_name_is_an_element(named):
+    """The next test looks at the page in a browser."""
+    text = named.read_text(encoding="utf-8").split("* plotly.js")[0]
+    assert not re.search(r"<img|<script>document|<b>bold|<a href='https://x", text)
+
+
 def test_every_kind_of_name_is_text(browser, named):
     """No name becomes an element, an attribute or a style of the page or of a figure."""
-    assert "<img" not in named.read_text(encoding="utf-8").split("* plotly.js")[0]
     browser.set_window_size(1280, 900)
     browser.get(named.as_uri())
     assert sorted(names(browser)) == sorted(name.replace("\x1b", "\\u001b") for name in NAMES)

@@ -113,10 +113,7 @@ def test_a_board_whose_store_cannot_be_written_ends(tmp_path):
     assert "Not a directory" in done.stderr
 
 
-@pytest.mark.parametrize(
-    ("how", "workers", "number"),
-    [("sleeps", 2, signal.SIGKILL), ("computes", 1, signal.SIGKILL), ("sleeps", 2, signal.SIGTERM)],
-)
+@pytest.mark.parametrize(("how", "workers", "number"), [("sleeps", 2, signal.SIGKILL), ("computes", 1, signal.SIGTERM)])
 def test_workers_end_within_five_seconds_of_a_killed_parent(how, workers, number, start, tmp_path):
     process = start(how, workers)
     assert isolated(tmp_path)

@@ -36,11 +36,7 @@ def finish(some, folder, **options):
 
 def contents(folder):
     """The numbers of each file, without times and machines."""
-    found = {}
-    for path in Store(Path(folder)).files():
-        document = json.loads(path.read_text())
-        found[path.name] = document["rows"]
-    return found
+    return {path.name: json.loads(path.read_text())["rows"] for path in Store(Path(folder)).files()}
 
 
 def test_a_finished_cell_is_found_and_not_run_again(tmp_path, monkeypatch):
@@ -68,10 +64,9 @@ def test_a_stored_result_is_what_was_measured(tmp_path):
     assert again.provenance["packages"]["numpy"] == np.__version__
 
 
-@pytest.mark.parametrize("workers", [1, 2])
-def test_results_do_not_depend_on_workers_or_order(tmp_path, workers):
+def test_results_do_not_depend_on_workers_or_order(tmp_path):
     finish(cells(), tmp_path / "one")
-    finish(cells()[::-1], tmp_path / "other", workers=workers)
+    finish(cells()[::-1], tmp_path / "other", workers=2)
     assert contents(tmp_path / "one") == contents(tmp_path / "other")
 
 
@@ -174,20 +169,20 @@ def test_a_full_disk_is_an_error_and_leaves_the_rest(tmp_path, monkeypatch):
 
 
 COMMAND = [
-    sys.executable, "-m", "fbl_gym", "leaderboard", "--policies", "zero", "pd-gravity", "pid-flm", "cascade-flm",
-    "--seeds", "8", "--workers", "1", "--scenarios", "nominal", "mass-error", "length-error", "noise-1",
+    sys.executable, "-m", "fbl_gym", "leaderboard", "--policies", "zero", "pd-gravity", "--seeds", "2", "--workers", "1",
+    "--scenarios", "nominal", "mass-error", "length-error", "noise-1",
 ]  # fmt: skip
+TOTAL = 2 * 8
 
 
 def test_kill_9_in_a_loop(tmp_path):
     """Killed again and again while it runs, the run goes on where it was: nothing lost, nothing doubled, nothing twice."""
-    total, seen = 4 * 8, {}
-    command = [*COMMAND, "--store", str(tmp_path)]
+    seen, command = {}, [*COMMAND, "--store", str(tmp_path)]
 
     def stored():
         return {path.name: (path.stat().st_mtime_ns, path.read_bytes()) for path in Store(tmp_path).files()}
 
-    for _ in range(3):
+    for _ in range(2):
         process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE)
         target, deadline = len(seen) + 4, time.monotonic() + 60
         while len(Store(tmp_path).files()) < target and time.monotonic() < deadline and process.poll() is None:
@@ -199,7 +194,7 @@ def test_kill_9_in_a_loop(tmp_path):
     done = subprocess.run(command, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr
     assert stored().items() >= seen.items()
-    assert len(stored()) == len(list(Store(tmp_path).results())) == total
+    assert len(stored()) == len(list(Store(tmp_path).results())) == TOTAL
 
 
 def test_two_processes_share_a_store(tmp_path):
@@ -207,7 +202,7 @@ def test_two_processes_share_a_store(tmp_path):
     for process in [subprocess.Popen(command, **pipes) for _ in range(2)]:
         _, errors = process.communicate(timeout=120)
         assert process.returncode == 0, errors
-    assert len(list(Store(tmp_path).results())) == 4 * 8
+    assert len(list(Store(tmp_path).results())) == TOTAL
     assert not list(tmp_path.glob(".*"))
 
 

@@ -26,7 +26,8 @@ def motion(make, steps=400, **options):
     for _ in range(steps):
         action, state = policy.predict(observation, state)
         observation = env.step(action)[0]
-        rows.append((env.truth.position, env.truth.velocity, action))
+        signals = env._batch.true_signals()
+        rows.append((signals["position"][0], signals["velocity"][0], action))
     return np.moveaxis(rows, 1, 0)
 
 

@@ -15,7 +15,6 @@ from benchmarks.run.rollout import rollout
 from controllers import catalogue
 from controllers.preview import reference_at
 from fbl_gym import ArmParameters, Interface, TwoLinkArmEnv, TwoLinkArmVectorEnv
-from fbl_gym.model.arm import inverse_dynamics
 from fbl_gym.records.record import number
 from fbl_gym.scenarios.classes import CLASSES, conditions
 from fbl_gym.scenarios.scenario import Scenario
@@ -103,33 +102,18 @@ def test_estimates_are_those_of_the_links():
     exciting = {"kind": "fourier", "centre": (-np.pi / 2, 0.0), "frequency": 0.2}
     options = {"action": "torque", "actuator": None, "control_dt": 1e-3, "reference": exciting}
     env = TwoLinkArmVectorEnv(2, arm=ROTORS, parameter_error=1.2, **options)
-    _, states = tracking(controllers.make("adaptive-flm", env), env, 4000)
+    _, states = tracking(controllers.make("adaptive-flm", env), env, 2000)
     np.testing.assert_allclose(states[-1].lumped, env.truth.lumped, rtol=0.05)
 
 
 @dataclass(frozen=True)
 class Plain(controllers.TorqueLaw):
-    """Computed torque, as the README has it."""
-
     w: float = 8.0
-
-    def torque(self, observation, state):
-        q, v = self.read(observation, "position", "velocity")
-        r, dr, ddr = self.read(observation, "reference_position", "reference_velocity", "reference_acceleration")
-        a = ddr + self.w**2 * (r - q) + 2 * self.w * (dr - v)
-        return inverse_dynamics(self.interface.nominal, q, v, a), state
 
 
 @dataclass(frozen=True)
 class Declared(Plain):
     w: float = number(8.0, unit="rad/s", above=0)
-
-
-@pytest.mark.parametrize("law", [Plain, Declared])
-def test_a_subclass_is_a_policy(law):
-    env = TwoLinkArmEnv()
-    errors, _ = tracking(law(env.interface), env, 900)
-    assert np.abs(errors).max() < 5e-3
 
 
 def test_only_declared_gains_are_checked():

@@ -35,7 +35,7 @@ LIMITS = {"torque_limit": (330.0, 120.0)}
 def test_saturation_is_not_taken_for_a_disturbance(name):
     """Driven by the torque within its limits, the observer of an exact model sees nothing while the torque is cut off."""
     env = TwoLinkArmEnv(reference=STILL, initial_error=(-1.0, 0.0), actuator=LIMITS)
-    errors, states = tracking(controllers.make(name, env), env, 900)
+    errors, states = tracking(controllers.make(name, env), env, 600)
     estimate, _ = ESTIMATES[name]
     assert max(np.abs(estimate(state)).max() for state in states) < 5.0
     assert np.abs(errors[-1]).max() < 1e-3
@@ -51,8 +51,8 @@ INTEGRATING = {
 
 @pytest.mark.parametrize("name", INTEGRATING)
 def test_no_error_is_left_of_a_constant_load(name):
-    env = TwoLinkArmEnv(**loaded(20.0, 8.0), duration=30.0, **INTEGRATING[name])
-    errors, _ = tracking(controllers.make(name, env), env, 2999)
+    env = TwoLinkArmEnv(**loaded(20.0, 8.0), duration=20.0, **INTEGRATING[name])
+    errors, _ = tracking(controllers.make(name, env), env, 1999)
     assert np.abs(errors[-1]).max() < 1e-4
     assert np.abs(errors).max() > 1e-3
 

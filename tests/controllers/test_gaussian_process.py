@@ -43,7 +43,7 @@ def test_it_learns_what_the_model_misses():
     """On a wrong arm behind a delayed drive, the error falls to a fraction of that of computed torque."""
     wrong = {"parameter_error": {"radius": 0.2}, "friction": {"viscous": 10.0}}
     late = {"actuator": {"delay_samples": 1, "lag": 0.01}}
-    env = TwoLinkArmVectorEnv(4, reference=EXCITING, duration=30.0, **wrong, **late)
+    env = TwoLinkArmVectorEnv(2, reference=EXCITING, duration=15.0, **wrong, **late)
     laws = (controllers.make(name, env, frequency=10.0) for name in ("computed-torque", "computed-torque-gp"))
-    plain, learned = (np.abs(tracking(law, env, 2900)[0][-1000:]).mean() for law in laws)
+    plain, learned = (np.abs(tracking(law, env, 1400)[0][-500:]).mean() for law in laws)
     assert learned < 0.4 * plain

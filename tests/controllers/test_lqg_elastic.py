@@ -76,8 +76,8 @@ def test_the_springs_are_seen_through(encoder):
 
 
 def test_a_load_on_the_motors_is_estimated():
-    env = TwoLinkArmEnv(**loaded(20.0, 8.0), duration=30.0, sensors=("position",))
-    errors, states = tracking(controllers.make("lqg-elastic", env), env, 2999)
+    env = TwoLinkArmEnv(**loaded(20.0, 8.0), duration=20.0, sensors=("position",))
+    errors, states = tracking(controllers.make("lqg-elastic", env), env, 1999)
     np.testing.assert_allclose(states[-1].estimate[0, -2:], [-20.0, -8.0], rtol=1e-3)
     assert np.abs(errors[-1]).max() < 1e-4
 

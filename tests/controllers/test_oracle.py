@@ -39,9 +39,8 @@ def test_the_true_arm_is_predicted(joint, link):
         true.append(arm.state)
         action, state = policy.predict(observation, state)
         observation = env.step(action)[0]
-    for before, after in zip(
-        *(np.split(np.array(x), x[0].shape[1] // 2, axis=-1) for x in (predicted, true)), strict=True
-    ):
+    halves = (np.split(np.array(x), x[0].shape[1] // 2, axis=-1) for x in (predicted, true))
+    for before, after in zip(*halves, strict=True):
         change, error = np.subtract(after[2:], after[:-2]), np.subtract(before[:-2], after[2:])
         assert np.sqrt(np.mean(error[10:] ** 2)) < 0.02 * np.sqrt(np.mean(change[10:] ** 2))
 
@@ -75,7 +74,7 @@ def test_preview_helps_where_springs_are_soft():
     errors = []
     for preview in (150, 0):
         env = TwoLinkArmVectorEnv(2, "geared-practice-elastic-3", preview=preview)
-        errors.append(np.abs(tracking(controllers.make("oracle-elastic", env), env, 1000)[0][300:]).mean())
+        errors.append(np.abs(tracking(controllers.make("oracle-elastic", env), env, 600)[0][300:]).mean())
     assert errors[0] < 0.2 * errors[1]
 
 

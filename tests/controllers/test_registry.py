@@ -5,7 +5,6 @@ import json
 import math
 from dataclasses import dataclass
 from importlib import metadata
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -21,26 +20,6 @@ from fbl_gym.scenarios.classes import CLASSES
 from tests.fbl_gym.declared import fields
 
 
-def plain_factory(env):
-    """Builds a policy; the name of its argument means nothing."""
-    return env
-
-
-def oracle_factory(interface):
-    """Builds a policy that reads the truth."""
-    return interface
-
-
-oracle_factory.access = "oracle"
-
-
-def misspelt_factory(interface):
-    return interface
-
-
-misspelt_factory.access = "truth"
-
-
 def test_a_name_is_registered_once():
     with pytest.raises(ValueError, match="registered already"):
         controllers.register("zero", "controllers.laws.simple:Zero", "again")
@@ -51,6 +30,29 @@ def test_the_catalogue_has_the_access_of_the_class(name):
     assert controllers.access(name) == controllers.access(controllers.factory(name))
 
 
+def test_the_environment_goes_to_an_oracle_alone(monkeypatch):
+    """To what is registered or declared as one; the name of an argument gives no way to the truth."""
+    monkeypatch.setattr(registry, "_REGISTRY", dict(registry._REGISTRY))
+
+    def factory(env):
+        return env
+
+    env = TwoLinkArmEnv()
+    assert isinstance(controllers.make(factory, env), Interface)
+    for name, made, access in (("mine", factory, "oracle"), ("other", "controllers.oracles.oracle:OracleFlm", None)):
+        controllers.register(name, made, "a policy", access=access)
+        assert controllers.access(name) == "oracle"
+    with pytest.raises(ValueError, match="needs the environment, got its interface"):
+        controllers.make("oracle-flm", env.interface)
+    factory.access = "oracle"
+    assert controllers.make(factory, env) is env
+    factory.access = "truth"
+    register = lambda made: controllers.register("third", made, "a policy", access="truth")
+    for ask in (controllers.access, lambda made: controllers.make(made, env), register):
+        with pytest.raises(ValueError, match=r"unknown access.* 'truth'"):
+            ask(factory)
+
+
 def test_an_installed_package_adds_a_policy(monkeypatch):
     point = metadata.EntryPoint("mine", "controllers.laws.simple:PdGravity", registry.ENTRY_POINTS)
     monkeypatch.setattr(registry, "entry_points", lambda: (point,))
@@ -59,48 +61,6 @@ def test_an_installed_package_adds_a_policy(monkeypatch):
     assert controllers.kind("mine") == "classical"
     assert controllers.summary("mine") == "PD with gravity compensation."
     assert controllers.make("mine", TwoLinkArmEnv(), frequency=3.0).frequency == (3.0, 3.0)
-
-
-def test_an_oracle_alone_gets_the_environment():
-    """The name of an argument gives no way to the truth."""
-    env = TwoLinkArmEnv()
-    assert isinstance(controllers.make(plain_factory, env), Interface)
-    assert controllers.access(oracle_factory) == "oracle"
-    assert controllers.make(oracle_factory, env) is env
-    with pytest.raises(ValueError, match="needs the environment, got its interface"):
-        controllers.make("oracle-flm", env.interface)
-
-
-@pytest.mark.parametrize(
-    ("factory", "access"), [(plain_factory, "oracle"), ("controllers.oracles.oracle:OracleFlm", None)]
-)
-def test_access_is_registered_or_declared(monkeypatch, factory, access):
-    monkeypatch.setattr(registry, "_REGISTRY", dict(registry._REGISTRY))
-    controllers.register("mine", factory, "a policy", access=access)
-    assert controllers.access("mine") == "oracle"
-
-
-def test_an_unknown_access_word_is_an_error_that_names_the_valid_ones():
-    message = "unknown access.* 'truth'. Known: nominal, none, oracle"
-    for ask in (controllers.access, lambda factory: controllers.make(factory, TwoLinkArmEnv())):
-        with pytest.raises(ValueError, match=message):
-            ask(misspelt_factory)
-    with pytest.raises(ValueError, match=message):
-        controllers.register("other", plain_factory, "a policy", access="truth")
-
-
-def test_a_name_may_end_in_gains(tmp_path, monkeypatch):
-    """Gains come from text, file and folder; the last value counts, and an argument replaces it."""
-    monkeypatch.chdir(tmp_path)
-    Path("mine").mkdir()
-    Path("mine/computed-torque.json").write_text('{"frequency": 3}')
-    interface = TwoLinkArmEnv().interface
-    for gains, frequency in (("mine/computed-torque.json", 3.0), ("tuned@frequency=7", 7.0), ("frequency=7@mine", 3.0)):
-        name = f"computed-torque@{gains}"
-        assert controllers.make(name, interface).frequency == (frequency, frequency)
-        assert controllers.make(name, interface, frequency=5.0).frequency == (5.0, 5.0)
-    with pytest.raises(ValueError, match="unknown argument of computed-torque 'frequncy'"):
-        controllers.make("computed-torque@frequncy=7", interface)
 
 
 def test_gains_of_a_class(tmp_path, monkeypatch):

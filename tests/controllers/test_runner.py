@@ -72,8 +72,7 @@ def test_torques_are_those_of_a_rollout(policy, world):
 @pytest.mark.parametrize(
     "options",
     [
-        {},
-        {"noise": {"position": 1e-3, "velocity": 1e-2, "acceleration": 0.1}},
+        {}, {"noise": {"position": 1e-3, "velocity": 1e-2, "acceleration": 0.1}},
         {"encoder": {"difference": 3, "low_pass": 20.0}, "sensors": ("position", "velocity")},
         {"encoder": {"difference": 1, "latency": 2}, "actuator": {"delay": 0.025}},
         {"encoder": {"latency": 1}, "actuator": None},
@@ -81,7 +80,7 @@ def test_torques_are_those_of_a_rollout(policy, world):
         {"reference": "steps", "joint": {"stiffness": 2e3, "rotor_inertia": 1.0}, "physics_dt": 5e-4},
     ],
     ids=str,
-)
+)  # fmt: skip
 @pytest.mark.parametrize("preview", [0.0, 0.025])
 def test_observations_are_those_of_the_environment(preview, options):
     """All bits of it: clipped readings, computed velocities, previous actions and preview."""

@@ -75,6 +75,7 @@ class Field:
             varies="distribution" in form,
             names=re.findall(r'"([^"]+)"', form),
             bounds=[(word, float(x)) for word, x in re.findall(r"(not below|greater than) (\S+)\b", form)],
+            highest=[float(x) for x in re.findall(r"not above ([^\s,]+)", form)],
             stream=re.sub(r"\[.*?\]", "", self.path).replace("events.", "events.0."),
             error=re.sub(r"\[.*?\]", "", self.path).replace(".", ": ").replace("events: ", r"events\[0\]: "),
         )

@@ -22,22 +22,16 @@ TIGHT = {"low": (-2.2, -0.9), "high": (-1.2, 0.6), "velocity": (1.0, 1.5)}
 RECORDS = {
     "parameter_error": ParameterError(ratio={"m2": 2.0}, radius=0.5, payload={"mass": 3.0, "pick_up": 0.2}),
     "noise": Noise(position=SensorError(sigma=0.01, bias=1e-3, quantization=1e-3), velocity=0.02),
-    "friction": Friction(coulomb=5.0, stiction=(3.0, 2.0)),
-    "disturbance": SineDisturbance(amplitude=10.0),
-    "actuator": Actuator(delay=0.015, lag=0.02),
-    "reference": {"kind": "filtered-steps", "bandwidth": 6.0},
-    "preview": 2,
-    "duration": 1.0,
-}
+    "friction": Friction(coulomb=5.0, stiction=(3.0, 2.0)), "disturbance": SineDisturbance(amplitude=10.0),
+    "actuator": Actuator(delay=0.015, lag=0.02), "reference": {"kind": "filtered-steps", "bandwidth": 6.0},
+    "preview": 2, "duration": 1.0,
+}  # fmt: skip
 """One of each kind of option, as records where there is one."""
 
 EVENTFUL = {
-    "scenario": "everything-3",
-    "duration": 0.3,
-    "limits": {"velocity": 9.0},
-    "actuator": {"delay": 0.013, "lag": 0.01},
+    "scenario": "everything-3", "duration": 0.3, "limits": {"velocity": 9.0}, "actuator": {"delay": 0.013, "lag": 0.01},
     "preview": 1,
-}
+}  # fmt: skip
 """Everything at once, in episodes that end soon and often, by time or by divergence."""
 
 

@@ -4,23 +4,14 @@ import numpy as np
 import pytest
 
 import controllers
-from fbl_gym import TABLE_1, TwoLinkArmEnv, TwoLinkArmTrackingEnv, TwoLinkArmTrackingVectorEnv
-from fbl_gym.model.arm import gravity_torque
-from tests.fbl_gym.episodes import started
-from tests.fbl_gym.paired_runs import play, torques, watch
+from fbl_gym import TwoLinkArmEnv, TwoLinkArmTrackingEnv, TwoLinkArmTrackingVectorEnv
+from tests.fbl_gym.paired_runs import play, torques
 
 
 def test_the_torque_limit_clips_the_applied_torque():
     _, _, truths = play(actuator={"torque_limit": (100.0, 30.0)})
     for k, truth in enumerate(truths[1:]):
         assert np.array_equal(truth.applied_torque, np.clip(torques(k), [-100.0, -30.0], [100.0, 30.0]))
-
-
-def test_a_normalized_action_is_a_fraction_of_the_torque_limit():
-    env = started(actuator={"torque_limit": (300.0, 50.0)})
-    assert env.interface.torque_limit == (300.0, 50.0)
-    env.step((0.25, -0.5))
-    np.testing.assert_array_equal(env.truth.applied_torque, [75.0, -25.0])
 
 
 @pytest.mark.parametrize("plant", [None, "mujoco"])
@@ -59,12 +50,3 @@ def test_a_delay_counts_in_physics_steps(late):
             prompt.step(commands[10 * k + j])
         for name in ("position", "velocity", "applied_torque"):
             np.testing.assert_array_equal(getattr(slow.truth, name), getattr(prompt.truth, name))
-
-
-def test_a_lag_behind_a_delay_is_a_late_exponential():
-    actuator = {"delay": 0.02, "lag": 0.03}
-    applied, position = watch("applied_torque", "position", torque=(100.0, 20.0), actuator=actuator)
-    held = gravity_torque(TABLE_1, position[0])
-    t = np.maximum(np.arange(151) * 1e-3 - 0.02, 0.0)[:, None]
-    expected = held + (np.array([100.0, 20.0]) - held) * (1 - np.exp(-t / 0.03))
-    np.testing.assert_allclose(applied, expected, rtol=1e-12)

@@ -149,13 +149,11 @@ def test_a_change_of_any_source_changes_the_key(tmp_path):
 @pytest.mark.parametrize(
     ("options", "number"),
     [
-        ({"parameter_error": 1.3, "actuator": {"delay": 0.01}}, 0),
-        ({"noise": {"position": 1e-3}}, 1),
-        ({"encoder": {"difference": 1}}, 2),
-        ({"joint": {"stiffness": 3000.0, "rotor_inertia": 1.0}}, 3),
+        ({"parameter_error": 1.3, "actuator": {"delay": 0.01}}, 0), ({"noise": {"position": 1e-3}}, 1),
+        ({"encoder": {"difference": 1}}, 2), ({"joint": {"stiffness": 3000.0, "rotor_inertia": 1.0}}, 3),
         ({"link": 8.0}, 4),
     ],
-)
+)  # fmt: skip
 def test_a_scenario_gets_the_step_of_its_class(options, number):
     program = make_program(Scenario(**options), action="normalized", reward=Reward(), preview=0)
     assert api.step_number(program.settings) == number

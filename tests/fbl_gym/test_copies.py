@@ -31,15 +31,6 @@ def test_a_copy_in_mid_episode_continues_independently(copied, options):
     np.testing.assert_array_equal(episode(other, seed=9), episode(env, seed=9))
 
 
-def test_a_pickled_batch_continues_alike():
-    env = started_batch(20, **EVENTFUL)
-    for _ in range(25):
-        env.step(np.full((20, 2), 0.1))
-    other = pickle.loads(pickle.dumps(env))
-    for _ in range(25):
-        np.testing.assert_array_equal(env.step(np.full((20, 2), 0.1))[0], other.step(np.full((20, 2), 0.1))[0])
-
-
 def test_an_environment_unpickled_onto_read_only_memory_steps():
     """Joblib gives its workers such memory maps."""
     env = started()

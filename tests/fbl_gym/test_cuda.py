@@ -63,7 +63,7 @@ def pair(number=0, mode="NextStep"):
 
 @pytest.mark.usefixtures("processor")
 @pytest.mark.parametrize("mode", MODES)
-@pytest.mark.parametrize("number", CASES)
+@pytest.mark.parametrize("number", [pytest.param(n, marks=[pytest.mark.slow] * (n not in (1, 4))) for n in CASES])
 def test_steps_and_resets_have_the_bits_of_the_processor(number, mode):
     ours, theirs = pair(number, mode)
     torch = pytest.importorskip("torch")

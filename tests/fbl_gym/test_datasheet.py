@@ -18,16 +18,13 @@ TRUTH = {
     "noise": {"position": 1e-3, "velocity": 1e-2},
 }
 TOLD = {
-    "delay": (0.01, {"delay": (0.01, 0.01)}),
-    "lag": (0.001, {"lag": (0.001, 0.001)}),
-    "rate_limit": (100.0, {"rate_limit": (100.0, 100.0)}),
-    "latency": (0.003, {"latency": 0.003}),
+    "delay": (0.01, {"delay": (0.01, 0.01)}), "lag": (0.001, {"lag": (0.001, 0.001)}),
+    "rate_limit": (100.0, {"rate_limit": (100.0, 100.0)}), "latency": (0.003, {"latency": 0.003}),
     "velocity_noise": (0.5, {"noise_std": ((1e-3, 1e-3), (0.5, 0.5), (0.0, 0.0))}),
     "stiffness": ((1e3, 2e3), {"stiffness": ((1e3, 2e3), (1e3, 2e3))}),
-    "damping": (3.0, {"damping": ((3.0, 3.0), (3.0, 3.0))}),
-    "rotor_inertia": (0.7, {"rotor_inertia": (0.7, 0.7)}),
+    "damping": (3.0, {"damping": ((3.0, 3.0), (3.0, 3.0))}), "rotor_inertia": (0.7, {"rotor_inertia": (0.7, 0.7)}),
     "backlash": (0.01, {"backlash": (0.01, 0.01)}),
-}
+}  # fmt: skip
 
 
 def motion(told):

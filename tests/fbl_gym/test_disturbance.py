@@ -1,12 +1,11 @@
 """The option `disturbance`: its torques reach the plant at their times, and only there."""
 
 import numpy as np
-import pytest
 from scipy import stats
 
 from fbl_gym import TwoLinkArmVectorEnv
 from tests.fbl_gym.episodes import started_batch
-from tests.fbl_gym.paired_runs import LANES, play, same, watch
+from tests.fbl_gym.paired_runs import play, same
 
 
 def levels(**options):
@@ -40,33 +39,9 @@ def test_levels_of_a_disturbance_are_new_in_each_lane_and_episode():
     assert stats.kstest(np.concatenate(levels), stats.uniform(-1, 2).cdf).pvalue > 1e-3
 
 
-def test_a_sine_disturbance_is_its_formula():
-    option = {"kind": "sine", "amplitude": (20.0, 5.0), "frequency": (1.0, 3.0), "phase": (0.5, 1.0)}
-    disturbance, truths = levels(disturbance=option)
-    for k, truth in enumerate(truths):
-        expected = np.array([20.0, 5.0]) * np.sin(2 * np.pi * np.array([1.0, 3.0]) * truth.time[0] + [0.5, 1.0])
-        np.testing.assert_allclose(disturbance[k], np.broadcast_to(expected, (LANES, 2)), atol=1e-10)
-
-
 def test_the_phases_of_a_sine_disturbance_are_uniform():
     env = started_batch(4096, disturbance={"kind": "sine", "amplitude": (3.0, 5.0)})
     for joint, amplitude in ((0, 3.0), (1, 5.0)):
         values = env.truth.disturbance[:, joint] / amplitude
         assert stats.kstest(values, stats.arcsine(-1, 2).cdf).pvalue > 1e-3
     assert abs(np.corrcoef(env.truth.disturbance.T)[0, 1]) < 0.06
-
-
-@pytest.mark.parametrize("start", [0.0, 0.017, 0.05])
-def test_pulses_start_and_end_at_their_physics_steps(start):
-    option = {"kind": "pulses", "amplitude": (20.0, -5.0), "period": 0.03, "width": 0.007, "start": start}
-    (seen,) = watch("disturbance", disturbance=option)
-    first = round(start * 1000)
-    on = [k >= first and (k - first) % 30 < 7 for k in range(150)]
-    # Sample k + 1 is the disturbance of the step from k to k + 1 ms.
-    np.testing.assert_array_equal(seen[1:], np.outer(on, [20.0, -5.0]))
-
-
-def test_an_array_disturbance_is_its_samples():
-    table = np.random.default_rng(0).uniform(-9, 9, (12, 2))
-    (seen,) = watch("disturbance", disturbance={"kind": "array", "torque": table, "dt": 0.011})
-    np.testing.assert_array_equal(seen[1:], table[np.minimum(np.arange(150) // 11, 11)])

@@ -9,12 +9,10 @@ from tests.fbl_gym.paired_runs import torques
 
 OPTIONS = {
     "parameter_error": {"radius": 0.5, "payload": {"mass": {"uniform": [1, 4]}, "pick_up": {"uniform": [0, 0.02]}}},
-    "noise": {"position": {"sigma": 0.01, "bias": {"uniform": [0, 1]}}},
-    "friction": {"coulomb": {"uniform": [0, 20]}},
+    "noise": {"position": {"sigma": 0.01, "bias": {"uniform": [0, 1]}}}, "friction": {"coulomb": {"uniform": [0, 20]}},
     "disturbance": {"kind": "piecewise-constant", "amplitude": {"uniform": [5, 20]}, "period": 0.02},
-    "actuator": {"gain": {"uniform": [0.8, 1.2]}},
-    "initial_error": {"uniform": [-0.1, 0.1]},
-}
+    "actuator": {"gain": {"uniform": [0.8, 1.2]}}, "initial_error": {"uniform": [-0.1, 0.1]},
+}  # fmt: skip
 DRAWN = ("masses", "lengths", "payload", "coulomb", "gain", "reference")
 
 

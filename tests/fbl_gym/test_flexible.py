@@ -13,7 +13,6 @@ from fbl_gym.model.chain import HINGE, chain_dynamics, segment_terms
 from fbl_gym.options import FlexibleLink
 from fbl_gym.options.link import fastest_rate, straight_chain
 from tests.fbl_gym.episodes import started, truths_of
-from tests.fbl_gym.paired_runs import same
 from tests.fbl_gym.test_elastic import HELD, JOINT, OPTIONS, B, D, K, torque
 
 ARM = ArmParameters(inertia=(0.08, 0.07), rotor=(0.5, 0.2))
@@ -90,17 +89,6 @@ def test_straight_links_have_the_inertia_of_the_arm():
         np.testing.assert_allclose(load, torque[[0, 2, 1, 3]], atol=1e-12)
 
 
-def test_stiff_links_become_the_rigid_arm():
-    """The distance to the rigid arm falls as one over the stiffness."""
-    rigid = run(50, link=None)[-1]
-    distances = []
-    for frequency in (20.0, 40.0, 80.0):
-        bent = run(50, link={"frequency": frequency, "damping": 0.3}, physics_dt=1e-4)[-1]
-        distances.append(np.abs(bent.position - rigid.position).max())
-    ratios = np.divide(distances[:-1], distances[1:])
-    assert np.all((ratios > 3.3) & (ratios < 4.7)), (distances, ratios)
-
-
 def test_a_joint_sticks_while_its_link_swings():
     """Below breakaway a joint does not move by one bit, whatever its link does; above, it slides."""
     options = {"control_dt": 1e-3, "friction": {"coulomb": 400.0}, "initial_velocity": 0.5}
@@ -117,10 +105,10 @@ def test_a_joint_sticks_while_its_link_swings():
 @pytest.mark.parametrize("joint", [None, JOINT], ids=["rigid joints", "elastic joints"])
 def test_blows_and_grasps_keep_the_momentum_of_the_whole_chain(joint):
     """A blow on the joints changes their momentum alone, and a payload that is picked up changes none."""
-    events = ({"kind": "knock", "time": 0.1, "impulse": (5.0, -2.0)}, {"kind": "pick-up", "time": 0.2, "mass": 4.0})
-    options = {"arm": {**vars(ARM), "gravity": 0.0}, "control_dt": 1e-5, "physics_dt": 1e-5, "duration": 0.3}
+    events = ({"kind": "knock", "time": 0.01, "impulse": (5.0, -2.0)}, {"kind": "pick-up", "time": 0.02, "mass": 4.0})
+    options = {"arm": {**vars(ARM), "gravity": 0.0}, "control_dt": 1e-5, "physics_dt": 1e-5, "duration": 0.03}
     env = started(**{**OPTIONS, "link": LINK, "joint": joint, "events": events, **options})
-    truths = truths_of(env, [(20.0, 5.0)] * 20_100)
+    truths = truths_of(env, [(20.0, 5.0)] * 2010)
 
     def momentum(truth):
         motion = truth.position, truth.bend, truth.velocity, truth.bend_velocity
@@ -128,25 +116,20 @@ def test_blows_and_grasps_keep_the_momentum_of_the_whole_chain(joint):
         rotors = (0.0, 0.0) if joint else ARM.rotor
         return inertia @ np.ravel(motion[2:], order="F") + np.ravel([rotors * truth.velocity, (0, 0)], order="F")
 
-    for k, change in ((10_000, (5.0, 0.0, -2.0, 0.0)), (20_000, (0.0,) * 4)):
+    for k, change in ((1000, (5.0, 0.0, -2.0, 0.0)), (2000, (0.0,) * 4)):
         before, after = momentum(truths[k]), momentum(truths[k + 1])
         drift = before - momentum(truths[k - 1])
         np.testing.assert_allclose(after - before - drift, change, atol=2e-3)
-    assert np.abs(truths[20_001].velocity - truths[20_000].velocity).max() > 0.01
+    assert np.abs(truths[2001].velocity - truths[2000].velocity).max() > 0.01
 
 
 @pytest.mark.parametrize(
     ("frequency", "payload", "mass", "speed"),
     [
-        ((0.76, 1.14), 0.0, 1.0, 0.0),
-        ((0.76, 1.14), 0.0, 1.0, 2.0),
-        (1.3, 0.0, 1.0, 1.0),
-        (5.0, 0.0, 1.0, 3.0),
-        (20.0, 3.0, 1.3, 3.0),
-        (1.2, 8.0, 1.0, 0.0),  # hinges buckle
-        (1.2, 30.0, 2.0, 1.0),
+        ((0.76, 1.14), 0.0, 1.0, 0.0), ((0.76, 1.14), 0.0, 1.0, 2.0), (1.3, 0.0, 1.0, 1.0), (5.0, 0.0, 1.0, 3.0),
+        (20.0, 3.0, 1.3, 3.0), (1.2, 8.0, 1.0, 0.0), (1.2, 30.0, 2.0, 1.0),  # hinges buckle in the last two
     ],
-)
+)  # fmt: skip
 def test_an_arm_starts_in_a_stable_balance_of_its_bent_links(frequency, payload, mass, speed):
     """In all poses, upright too: no torque is left on the hinges, and a small bend raises one against it."""
     arm, k = (
@@ -175,15 +158,7 @@ def test_joints_that_turn_too_fast_for_a_balance_start_in_that_at_rest():
     np.testing.assert_array_equal((fast.bend, slow.bend), 0.0)
 
 
-def test_links_that_bend_change_the_plant_alone():
-    """Reference, arm and disturbance are those of rigid links; encoders read the joints."""
-    disturbance = {"kind": "piecewise-constant", "amplitude": 20.0}
-    options = {"reference": "minimum-jerk", "disturbance": disturbance, "parameter_error": {"radius": 0.2}}
-    rigid, bent = (run(30, link=link, **options) for link in (None, LINK))
-    assert same(rigid, bent, "reference", "reference_velocity", "disturbance", "lumped", "applied_torque")
-    assert not same(rigid[1:], bent[1:], "position")
-    for truth in rigid:
-        np.testing.assert_array_equal([truth.bend, truth.bend_velocity, truth.bend_rate], 0.0)
+def test_encoders_read_the_joints_of_links_that_bend():
     env = started(**{**OPTIONS, "link": {"frequency": {"uniform": [10.0, 20.0]}}})
     observation = env.step((5.0, 0.0))[0]
     np.testing.assert_array_equal(observation[env.layout["position"]], env.truth.position)

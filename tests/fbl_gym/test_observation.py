@@ -11,6 +11,7 @@ def test_perfect_sensors_read_the_truth():
     layout, seen, truths = plain()
     for name in WAYS:
         assert np.array_equal(seen[..., layout[name]], [getattr(truth, name) for truth in truths])
+    assert np.array_equal(truths[-1].motor_position, truths[-1].position)  # a rigid arm's motor is its link
 
 
 SENSED = [("position",), ("position", "velocity"), ("position", "acceleration"), ("acceleration", "position")]

@@ -97,6 +97,8 @@ def test_a_number_must_be_finite_and_within_its_bounds(field):
     right = "a whole number" if field.is_whole else "a finite number"
     for value in (*WRONG, *([1.5] if field.is_whole else [10**400]), *([] if field.declaration.optional else [None])):
         refused(field, value, right, *bounds_of(field))
+    for bound in field.highest:
+        refused(field, round(bound) + 1 if field.is_whole else 1.5 * bound, right, f"not above {bound:g}")
     for word, bound in field.bounds:
         least = round(bound) if field.is_whole else bound
         refused(field, least - 1, right, *bounds_of(field))

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from fbl_gym import Scenario, TwoLinkArmEnv, TwoLinkArmVectorEnv
+from fbl_gym import Scenario, TwoLinkArmVectorEnv
 from fbl_gym.model.arm import forward_dynamics, gravity_torque, inertia_matrix, inverse_dynamics
 from fbl_gym.model.real_arms import CICESE, DFKI_C1, PELICAN, REAL_ARMS
 from fbl_gym.scenarios import get
@@ -85,18 +85,3 @@ def test_the_reference_stays_within_the_torque_limits(name):
         path, rate, change = (part * np.subtract(last, first) for part in shape)
         torque = np.abs(inverse_dynamics(scenario.arm, first + path, rate, change))
         assert np.all(torque + np.array(scenario.friction.coulomb) < 2 / 3 * limit)
-
-
-@pytest.mark.parametrize("name", REAL)
-def test_feedback_linearisation_follows_on_the_ideal_arm(name):
-    """Without friction and noise, the nominal mapping keeps the error small: rate and step suit the arm."""
-    env = TwoLinkArmEnv(name, action="acceleration", friction=None, noise=None, duration=4.0)
-    observation, _ = env.reset(seed=0)
-    errors, over = [], False
-    while not over:
-        q, v = observation[env.layout["position"]], observation[env.layout["velocity"]]
-        r, dr, ddr = (observation[env.layout[f"reference_{s}"]] for s in ("position", "velocity", "acceleration"))
-        errors.append(np.abs(r - q).max())
-        observation, _, terminated, over, _ = env.step(ddr + 400.0 * (r - q) + 40.0 * (dr - v))
-        assert not terminated
-    assert max(errors) < 5e-3

@@ -18,25 +18,6 @@ def path_of(**options):
     return np.array([truth.position for truth in truths])
 
 
-def stick_slip(h):
-    """Return positions under a sine torque beyond breakaway, with several phases of stick and slip."""
-    disturbance = {"kind": "sine", "amplitude": (40.0, 16.0), "frequency": (0.5, 0.4), "phase": (0.0, 1.5)}
-    return path_of(disturbance=disturbance, physics_dt=h)
-
-
-def test_the_solution_converges_as_the_step_shrinks():
-    """The order is one over a 500-fold range of steps; single ratios vary with the instants of release."""
-    fine = stick_slip(2e-2 / 8192)
-    steps = 0.02 / 5 / 2.0 ** np.arange(10)
-    errors = [np.abs(stick_slip(h) - fine).max() for h in steps]
-    order = np.polyfit(np.log(steps), np.log(errors), 1)[0]
-    assert 0.8 < order < 1.2, (order, errors)
-    assert errors[-1] < 3e-5
-    assert np.ptp(fine, axis=0).min() > 0.05
-    moves = {tuple(row) for row in (np.diff(fine, axis=0) != 0.0).tolist()}
-    assert len(moves) == 4  # both stick, both slip, and each alone
-
-
 # A single joint has solutions in closed form; here a large friction locks joint 2.
 
 LOCKED = {"coulomb": (20.0, 1e5), "stiction": (10.0, 0.0), "v_s": 1e-3}

@@ -29,19 +29,13 @@ def our_words(*key_and_counter):
 @pytest.mark.parametrize(
     "case",
     [
-        (0, 0, 0, 0, 0),
-        (0, 0, 1, 0, 0),
-        (5, 7, 0, 1, 0),  # NumPy's carries from the first word to the second,
-        (5, 7, 0, 0, 1),  # and on to the third
-        (5, 7, LAST, 0, 0),
-        (5, 7, LAST, LAST, 3),
+        (0, 0, 0, 0, 0), (0, 0, 1, 0, 0), (5, 7, LAST, 0, 0), (5, 7, LAST, LAST, 3), (LAST, 0, 0, 0, 0), (0, LAST, 0, 0, 0),
+        (5, 7, 0, 1, 0), (5, 7, 0, 0, 1),  # NumPy's carries from the first word to the second, and on to the third
         (LAST, LAST, LAST, LAST, LAST),
-        (LAST, 0, 0, 0, 0),
-        (0, LAST, 0, 0, 0),
         *np.random.default_rng(0).integers(0, WORD, (300, 5), dtype=np.uint64).tolist(),
     ],
     ids=str,
-)
+)  # fmt: skip
 def test_words_are_those_of_numpys_philox(case):
     """Also where counters, keys and round keys wrap around."""
     assert our_words(*case) == numpys_words(*case)
