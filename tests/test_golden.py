@@ -24,7 +24,7 @@ CASES = [
     ("robust-flm", "paper-4b"),
     ("slotine-li", "mixed-error-2"),
     ("sliding-mode", "stiction-2"),
-    ("ppo-memory", "payload-2"),
+    ("td3", "payload-2"),
 ]
 EVERY = 50
 

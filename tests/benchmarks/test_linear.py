@@ -236,9 +236,7 @@ def test_rows_of_the_boards_are_stable_up_to_their_margins(robot, policy):
 
 
 def test_a_board_has_the_margins_of_its_nominal_arms():
-    nominal, late = (
-        run_cell(Cell("pid-flm@tuned", f"servo-{name}", (0, 1))).rows for name in ("nominal", "delay-2")
-    )
+    nominal, late = (run_cell(Cell("pid-flm@tuned", f"servo-{name}", (0, 1))).rows for name in ("nominal", "delay-2"))
     for seed, row in enumerate(nominal):
         margins = linearize("pid-flm@tuned", "servo-nominal", seed=seed).margins()
         expected = min(margins.phase), margins.delay / 0.01, min(margins.gain_upper), max(margins.sensitivity)
