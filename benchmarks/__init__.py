@@ -4,6 +4,7 @@
 """
 
 from importlib import import_module
+from pkgutil import extend_path
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
@@ -11,6 +12,8 @@ if TYPE_CHECKING:
     from benchmarks.run.evaluation import evaluate
 
 __all__ = ["animate", "evaluate"]
+
+__path__ = extend_path(__path__, __name__)  # modules in a user's folder of this name can be imported, too
 
 
 def __getattr__(name: str) -> Any:

@@ -4,6 +4,8 @@
 law. `Runner` runs a policy on a robot.
 """
 
+from pkgutil import extend_path
+
 from controllers.base import Policy, TorqueLaw
 from controllers.registry import access, factory, kind, make, names, register, summary, tuned
 from controllers.runner import Runner
@@ -11,3 +13,5 @@ from controllers.runner import Runner
 __all__ = [
     "Policy", "Runner", "TorqueLaw", "access", "factory", "kind", "make", "names", "register", "summary", "tuned",
 ]  # fmt: skip
+
+__path__ = extend_path(__path__, __name__)  # modules in a user's folder of this name can be imported, too

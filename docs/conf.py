@@ -45,6 +45,7 @@ PUBLIC = {
     "fbl_gym.interface": ":exclude-members: Constraints, Limits",
     "fbl_gym.kernel.batch": ":members: Truth",
     "fbl_gym.envs.error_scales": "",
+    "fbl_gym.envs.side_by_side": "",
     "fbl_gym.scenarios": ":members: families, names, get, as_scenario, conditions, in_tier, in_world, member, "
     "held_out_reason\n   :exclude-members: Scenario",
     "controllers.base": ":exclude-members: State",

@@ -191,6 +191,7 @@ SHORT = {
     "sweep": "--seeds 1 --workers 1",
     "tune": "--trials 2 --seeds 1 --fresh-seeds 1 --candidates 1 --workers 1",
     "examples/offline_data.py": "--episodes 2",
+    "examples/markov.py": "--lanes 4 --epochs 1",
     "recommend": "--seeds 2 --trials 0 --policies pd-gravity computed-torque --workers 1",
     "train": "--steps 40 --hyperparameters short.json",
     "reproduce": "--only figure-3a --short",
@@ -253,7 +254,7 @@ def folder(tmp_path, monkeypatch):
 
 SLOW = (
     "how-to/identify", "how-to/offline-learning", "how-to/recommend", "how-to/tune", "reference/classes",
-    "reference/controllers/oracles", "results/performance", "start/examples", "start/your-robot",
+    "reference/controllers/oracles", "reference/tracking", "results/performance", "start/examples", "start/your-robot",
 )  # fmt: skip
 """Pages that take more than some ten seconds. `make test` runs them where pages or names changed."""
 

@@ -13,7 +13,10 @@ SHORTER = {
     "seeds=16": "seeds=2", "seeds=8": "seeds=2", "150_000": "64", "4096, 500": "16, 5", "range(400)": "range(40)",
     "(0.0, 0.005, 0.01, 0.015, 0.02)": "(0.0, 0.01)", 'device="cpu")': 'device="cpu", n_steps=64)',
 }  # fmt: skip
-ARGUMENTS = {"offline_data": ["pd-gravity", "data.npz", "--episodes", "2"]}
+ARGUMENTS = {
+    "offline_data": ["pd-gravity", "data.npz", "--episodes", "2"],
+    "markov": ["nominal", "--lanes", "4", "--epochs", "1"],
+}
 
 
 @pytest.mark.parametrize("path", EXAMPLES, ids=lambda path: path.stem)

@@ -118,6 +118,14 @@ def test_a_users_package_that_hides_one_of_these_is_named(tmp_path):
     assert "benchmarks" not in done.stderr
 
 
+def test_a_users_folder_of_the_same_name_keeps_its_modules(tmp_path):
+    for name in ("controllers", "benchmarks"):
+        (tmp_path / name).mkdir()
+        (tmp_path / name / "mine.py").touch()
+    line = "import controllers.mine, benchmarks.mine, controllers.base"
+    subprocess.run([sys.executable, "-c", line], cwd=tmp_path, check=True)
+
+
 def test_a_users_folder_of_the_same_name_does_not_break_the_command(tmp_path):
     """Folders `controllers` and `benchmarks` come first in the path; workers and policies get fbl-gym's too."""
     for name in ("controllers", "benchmarks"):

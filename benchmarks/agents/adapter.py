@@ -9,22 +9,17 @@ from typing import Any, NamedTuple
 import numpy as np
 
 import controllers
-from benchmarks.agents.network import compress
 from controllers.base import State, TorqueLaw
 from controllers.composition import PARTS
 from controllers.name import PolicyName
-from fbl_gym.envs.error_scales import ErrorScales
+from fbl_gym.envs.error_scales import ErrorScales, drive_numbers
 from fbl_gym.interface import Interface
 from fbl_gym.model.arm import Array, inertia_matrix
 from fbl_gym.options import SENSORS
-from fbl_gym.records.checks import check_choice, check_choices, check_number
-from fbl_gym.records.record import Record, choice, choices, declared, number, whole
-from fbl_gym.scenarios.classes import CLASSES
+from fbl_gym.records.checks import Pair, check_choice, check_choices, check_number
+from fbl_gym.records.record import Record, choice, choices, declared, number, pair, whole
 
 ACTIONS = ("torque", "residual", "blend")
-
-DRIVE_SCALE = 0.05
-"""Scale of the drive's delay and lag in the agent's observation [s]."""
 
 PREVIEWED = 5
 """Number of coming samples of the reference that an agent with preview observes."""
@@ -75,10 +70,10 @@ class AdapterSettings(Record):
         history: number of earlier steps whose errors and actions the agent observes, latest first.
         reach: age of the oldest of these steps, which then lie ever further apart; 0: all follow
             one another.
-        compress: gain g by which each tracking error e, at its scale, becomes asinh(g e); 0: it is
-            observed as it is.
-        integral: time constant of the running mean of the position error that the agent observes;
-            0: none.
+        fine: None, or scales s of the errors of position [rad] and velocity [rad/s], of which the
+            agent then observes asinh(e / s).
+        integral: time constant of the running mean e of the position error, of which the agent
+            observes asinh(e / s), where s is the scale of that error; 0: none.
         memory: time constant of running mean squares that the agent observes, as logarithms; they
             are of the errors of its sensors, of the difference between a blend's torques over the
             inertia of the stretched arm, and of the change of both over one step. 0: none.
@@ -100,7 +95,7 @@ class AdapterSettings(Record):
     second: str = declared("", _check_law, "name of a law")
     history: int = whole(0)
     reach: float = number(0.0, unit="s", low=0)
-    compress: float = number(0.0, low=0)
+    fine: Pair | None = pair(None, above=0)
     integral: float = number(0.0, unit="s", low=0)
     memory: float = number(0.0, unit="s", low=0)
     drive: bool = declared(False, check_flag, "True or False")
@@ -152,11 +147,10 @@ class AgentAdapter:
             raise ValueError(f"not applicable: the agent has sensors of {', '.join(sensors)}, got {', '.join(present)}")
         if settings.action == "torque" and interface.torque_limit is None:
             raise ValueError("not applicable: the agent's actions are shares of torque limits, and there are none")
-        self._errors = ErrorScales(interface, settings.sensors, settings.scales)
+        self._errors = ErrorScales(interface, settings.sensors, settings.scales, settings.fine)
         self._step_size = self._errors.size + 2  # the errors and the action of one earlier step
-        drive = np.array([*interface.delay, *interface.lag]) / DRIVE_SCALE
-        robot = [float(interface.robot_class == name) for name in CLASSES]
-        self._sheet = np.array((*drive, *robot) * settings.drive + _arm(interface) * settings.arm)
+        drive = drive_numbers(interface) if settings.drive else ()
+        self._sheet = np.array([*drive, *(_arm(interface) if settings.arm else ())])
         self.hold = max(1, round(settings.period / interface.control_dt))
         ahead, reference = settings.previewed(interface.control_dt), interface.layout.reference.reshape(-1, 6)
         if ahead >= len(reference):
@@ -173,7 +167,7 @@ class AgentAdapter:
         ages = np.maximum(ages, np.arange(1, settings.history + 1))
         self._past = (self._step_size * (ages[:, None] - 1) + np.arange(self._step_size)).ravel()
         self._history = self._step_size * int(ages.max(initial=0))
-        self._compressed, self._means = 2 * len(settings.sensors), 2 * (settings.integral > 0)
+        self._means, self._finest = 2 * (settings.integral > 0), (settings.fine or settings.scales)[0]
         self.size = self._errors.size + len(self._past) + self._means + 2 * self._signals
         self.size += len(self._sheet) + len(self._ahead)
         self._laws: list[TorqueLaw] = []
@@ -202,14 +196,8 @@ class AgentAdapter:
         sheet = np.broadcast_to(self._sheet, (len(observation), len(self._sheet)))
         squares = 0.25 * np.log(state.squares + LEAST_SQUARE)
         ahead = np.clip((observation[:, self._ahead] - observation[:, self._now]) / self._ahead_scale, -10.0, 10.0)
-        mean, history = self._shape(state.mean.copy()), state.history[:, self._past]
-        return np.concatenate([self._shape(self._errors(observation)), history, mean, squares, sheet, ahead], axis=-1)
-
-    def _shape(self, errors: Array) -> Array:
-        """Compress errors [n x ...] in place, where the settings say so, and return them."""
-        if self.settings.compress:
-            compress(errors, min(self._compressed, errors.shape[1]), self.settings.compress)
-        return errors
+        mean, history = np.arcsinh(state.mean / self._finest), state.history[:, self._past]
+        return np.concatenate([self._errors(observation), history, mean, squares, sheet, ahead], axis=-1)
 
     def torque(self, action: Array, observation: Array, state: State) -> tuple[Array, State]:
         """Return the torque [n x 2] N m and the next state.
@@ -223,9 +211,13 @@ class AgentAdapter:
         action = np.where(decides, np.clip(np.asarray(action, dtype=float), -1.0, 1.0), state.action)
         history, errors = state.history, self._errors(observation)
         if self.settings.history:
-            later = np.concatenate([self._shape(errors.copy()), action, history[:, : -self._step_size]], axis=-1)
+            later = np.concatenate([errors, action, history[:, : -self._step_size]], axis=-1)
             history = np.where(decides, later, history)
-        mean = state.mean + self._mean_weight * (errors[:, : self._means] - state.mean)
+        mean = state.mean
+        if self._means:
+            layout = self.interface.layout
+            error = observation[:, layout["reference_position"]] - observation[:, layout["position"]]
+            mean = mean + self._mean_weight * (error - mean)
         decided = [law.decide(observation, each) for law, each in zip(self._laws, state.laws, strict=True)]
         torques = [self.interface.saturate(each) for each, _ in decided]
         torque = self._torque(action, observation, torques)

@@ -6,14 +6,13 @@ in the kernel.
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
 
 import numpy as np
 
-from fbl_gym.kernel.maths.fastmath import cached_njit, exp, fma, kernel_njit, log
+from fbl_gym.kernel.maths.fastmath import cached_njit, exp, fma, kernel_njit
 from fbl_gym.model.arm import Array
 from fbl_gym.records.checks import check_choice
 
@@ -66,16 +65,6 @@ def _forward(observation, weights, sizes, functions):
             _apply(functions[layer], y)
             x, place = y, place + rows * outputs
     return actions
-
-
-@cached_njit
-def compress(errors, count, gain):
-    """Replace the first errors of each lane by asinh(gain x error), in errors [n x size]."""
-    for lane in range(len(errors)):
-        for i in range(count):
-            size = gain * abs(errors[lane, i])
-            size = log(size + math.sqrt(size * size + 1.0))
-            errors[lane, i] = size if errors[lane, i] > 0.0 else -size
 
 
 @dataclass(frozen=True, eq=False)

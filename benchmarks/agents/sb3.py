@@ -16,7 +16,7 @@ import numpy as np
 
 from benchmarks.text import reason_of
 from controllers.base import Policy
-from fbl_gym.envs.error_scales import ErrorScales
+from fbl_gym.envs.error_scales import WIDEST, ErrorScales
 from fbl_gym.interface import Interface
 from fbl_gym.model.arm import Array, gravity_torque
 from fbl_gym.records.checks import check_choice
@@ -68,8 +68,8 @@ def load_zip(path: str | Path, interface: Interface, trust: bool = False) -> Pol
             f"{path} must be an archive that stable-baselines3's save wrote ({reason_of(problem)})"
         ) from None
     model = _normalized(model, statistics(Path(path)))
-    if (past_actions := _tracked(model, interface)) is not None:
-        return TrackingModel(model, interface, past_actions)
+    if (tracked := _tracked(model, interface)) is not None:
+        return TrackingModel(model, interface, *tracked)
     seen = "TwoLinkArmTracking-v0 or TwoLinkArm-v0, maybe in frame stacks, and with the same preview (add-a-policy.md)"
     _check_space(model, interface, "observation_space", seen)
     _check_space(model, interface, "action_space", f'action="{interface.action}"')
@@ -135,9 +135,8 @@ class TrackingModel:
     [n x frames x size], and the model's own state.
     """
 
-    def __init__(self, model: Any, interface: Interface, past_actions: int) -> None:
-        self._model, self._interface, self._past_actions = model, interface, past_actions
-        self._errors = ErrorScales(interface, _SLOTS)
+    def __init__(self, model: Any, interface: Interface, errors: ErrorScales, past_actions: int) -> None:
+        self._model, self._interface, self._errors, self._past_actions = model, interface, errors, past_actions
         self._shape = model.observation_space.shape
         self._padding = np.float32(len(self._shape) == 2)  # VecFrameStack, of one axis, starts from zeros
 
@@ -167,19 +166,26 @@ class TrackingModel:
         return np.tile(action, self._past_actions)
 
 
-def _tracked(model: Any, interface: Interface) -> int | None:
-    """Return the number of previous actions in a model's error coordinates; None: it has others."""
+def _tracked(model: Any, interface: Interface) -> tuple[ErrorScales, int] | None:
+    """Return a model's error coordinates and number of previous actions; None: it has others.
+
+    The bounds of its observations state the options of `TwoLinkArmTrackingEnv`.
+    """
     high = np.asarray(getattr(model.observation_space, "high", ()))
-    errors = ErrorScales(interface, _SLOTS).space.high
-    frames = max(1, int(np.sum(high != 1.0)) // len(errors))
-    past_actions = max(0, high.size // frames - len(errors)) // 2
-    frame = np.append(errors, np.ones(2 * past_actions))
-    # VecFrameStack repeats each bound, though it joins whole frames.
-    stacks = (np.tile(frame, (frames, 1)), np.repeat(frame, frames))
-    if interface.action != "normalized" or not any(np.array_equal(high, stack) for stack in stacks):
-        return None
-    _check_space(model, interface, "action_space", 'action="normalized"')
-    return past_actions
+    for drive in (False, True) if interface.action == "normalized" else ():
+        bounds = ErrorScales(interface, _SLOTS, drive=drive).space.high
+        frames = max(1, int(np.sum(high != 1.0)) // int(np.sum(bounds != 1.0)))
+        past_actions = max(0, high.size // frames - len(bounds)) // 2
+        for place in (2, 2 * frames):  # of the velocity: VecFrameStack repeats each bound, though it joins frames
+            ends = high.ravel()[0 : place + 1 : place]
+            fine = None if np.all(ends == bounds[0]) else WIDEST / np.sinh(np.clip(ends, 0.1, 99.0), dtype=float)
+            errors = ErrorScales(interface, _SLOTS, fine=fine, drive=drive)
+            frame = np.append(errors.space.high, np.ones(2 * past_actions, np.float32))
+            stacks = np.tile(frame, (frames, 1)), np.tile(frame, frames), np.repeat(frame, frames)
+            if any(np.array_equal(high, stack) for stack in stacks):
+                _check_space(model, interface, "action_space", 'action="normalized"')
+                return errors, past_actions
+    return None
 
 
 def _class_of(path: str | Path) -> Any:

@@ -31,7 +31,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add("--period", type=float, default=0.0, metavar="S", help="time between two decisions [s] (each step)")
     add("--sensors", nargs="+", choices=SENSORS, help="sensors that the agent observes (those of all scenarios)")
     add("--scales", nargs=3, type=float, metavar=("RAD", "RAD/S", "RAD/S^2"), help="scales of the errors (0.1 1 10)")
-    add("--compress", type=float, default=0.0, metavar="G", help="observe asinh(G e) of each error e (the error)")
+    add(
+        "--fine",
+        nargs=2,
+        type=float,
+        metavar=("RAD", "RAD/S"),
+        help="observe asinh(e / s) of an error e, with these s (e)",
+    )
     add("--integral", type=float, default=0.0, metavar="S", help="observe the mean error over this time [s] (none)")
     add("--memory", type=float, default=0.0, metavar="S", help="observe mean squares over this time [s] (none)")
     add("--preview", type=float, default=0.0, metavar="S", help="observe the reference so far ahead [s] (not at all)")

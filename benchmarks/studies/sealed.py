@@ -23,7 +23,7 @@ from benchmarks.run.runner import run as run_cells
 from benchmarks.run.store import Store
 from benchmarks.run.suite import load
 from benchmarks.seeds import SPLITS
-from fbl_gym import Scenario
+from fbl_gym import ArrayReference, Scenario
 from fbl_gym.model.arm import ArmParameters, stretched_inertia
 from fbl_gym.scenarios.classes import CLASSES, conditions, families
 
@@ -32,16 +32,19 @@ SEVERITY = 3
 
 
 def draw(version: str, robot: str, family: str) -> tuple[Scenario, tuple[int, ...]]:
-    """Return the task of a class's family, with another arm and other moves, and its 32 seeds.
+    """Return the task of a class's family, with another arm and motion, and its 32 seeds.
 
-    An arm is drawn again if its springs are too fast for the physics step, behind a tiny rotor.
+    The motion is a cubic spline through points of the board's box, without rest. Neither the board
+    nor practice has this kind. An arm is drawn again if its springs are too fast for the physics
+    step, behind a tiny rotor.
     """
     random = np.random.default_rng((int(version, 16), *map(ord, family)))
     for _ in range(100):
         options = conditions(draw_arm(random, robot), robot, family, SEVERITY)
-        motion = options["reference"]
-        pace, rest = random.uniform(0.9, 1.3), random.uniform(0.1, 0.6)
-        options["reference"] = dataclasses.replace(motion, move_time=pace * motion.move_time, hold_time=rest)
+        moves = options["reference"]
+        interval = random.uniform(0.9, 1.3) * moves.move_time
+        points = random.uniform(moves.low, moves.high, (int(options["duration"] / interval) + 2, 2))
+        options["reference"] = ArrayReference(position=points.tolist(), dt=interval)
         with contextlib.suppress(ValueError):
             task = Scenario(name=f"sealed-{family}", **options)
             return task, tuple(random.choice(SPLITS["sealed"], 32, replace=False).tolist())

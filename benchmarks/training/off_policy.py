@@ -70,8 +70,8 @@ class OffPolicy(BaseCallback):
         buffer.pos, buffer.full = state["position"]
         self.model._n_updates = state["updates"]
         self.num_timesteps = self.model.num_timesteps = state["steps"]
-        episode: Any = self._env.envs[0].unwrapped
-        for _ in range(self.steps // (self._env.num_envs * episode.scenario.steps)):
+        episode = self._env.get_attr("scenario")[0].steps
+        for _ in range(self.steps // (self._env.num_envs * episode)):
             self._env.reset()  # skip the episodes that the run has trained on
 
     def learn(self, progress: Progress) -> None:

@@ -18,6 +18,7 @@ from torch import nn
 from benchmarks.agents.network import Actor
 from benchmarks.training.progress import Progress
 from benchmarks.training.vec_env import VectorAdapter
+from fbl_gym.envs.side_by_side import SideBySideVectorEnv
 from fbl_gym.model.arm import Array
 
 
@@ -166,16 +167,15 @@ class _Arms:
     """Batches side by side. They observe what the agent does, and then the truth, [n x size]."""
 
     def __init__(self, envs: Sequence[VectorAdapter]) -> None:
-        self._envs = envs
+        self._batches: list[Any] = [env.unwrapped for env in envs]
         self._cuts = np.cumsum([env.num_envs for env in envs])[:-1]
-        self._facts = [np.empty(0)] * len(envs)
-        self._truth = [np.empty(0)] * len(envs)
-        self.observed = envs[0].single_observation_space.shape[0]  # type: ignore[index]
+        self._facts, self._truth = [np.empty(0)] * len(envs), np.empty(0)
+        self._side = SideBySideVectorEnv(*envs)
+        self.observed = self._side.single_observation_space.shape[0]  # type: ignore[index]
 
     def reset(self, seed: int | None) -> torch.Tensor:
         """Start an episode in every lane."""
-        rows = [self._see(i, env.reset(seed=seed)[0], True) for i, env in enumerate(self._envs)]
-        return torch.from_numpy(np.concatenate(rows)).float()
+        return torch.from_numpy(self._see(self._side.reset(seed=seed)[0], np.ones(self._side.num_envs, bool))).float()
 
     def step(self, actions: Array) -> tuple[torch.Tensor, ...]:
         """Take a step with actions [n x 2].
@@ -184,26 +184,26 @@ class _Arms:
             Observations, rewards, ends of episodes (1, else 0), True where time alone ended one,
             and the last observations of these.
         """
-        parts: list[tuple[Any, ...]] = []
-        for i, (env, action) in enumerate(zip(self._envs, np.split(actions, self._cuts), strict=True)):
-            observed, rewards, terminated, truncated, infos = env.step(action)
-            done, last = np.logical_or(terminated, truncated), np.concatenate([observed, self._truth[i]], axis=1)
-            if done.any():
-                last[done, : self.observed] = np.stack(infos["final_obs"][done])
-            seen = self._see(i, observed, bool(done.any()))
-            parts.append((seen, rewards, done, done & ~np.asarray(terminated, bool), last))
-        now, reward, end, cut, final = (torch.from_numpy(np.concatenate(each)) for each in zip(*parts, strict=True))
-        return now.float(), reward.float(), end.float(), cut, final.float()
+        observed, rewards, terminated, truncated, infos = self._side.step(actions)
+        done, last = np.logical_or(terminated, truncated), np.concatenate([observed, self._truth], axis=1)
+        if done.any():
+            last[done, : self.observed] = np.stack(infos["final_obs"][done])
+        floats = (torch.from_numpy(each).float() for each in (self._see(observed, done), rewards, done, last))
+        now, reward, end, final = floats
+        return now, reward, end, torch.from_numpy(done & np.logical_not(terminated)), final
 
-    def _see(self, i: int, observation: Array, begun: bool) -> Array:
-        env: Any = self._envs[i].unwrapped
-        if begun:
-            self._facts[i] = _facts(env)
-        signals, limit = env.true_signals(), env.interface.torque_scale
-        error = np.arcsinh(100.0 * (signals["reference"] - signals["position"]))
-        moving = error, signals["disturbance"] / limit, signals["payload"][:, None]
-        self._truth[i] = np.concatenate([*moving, self._facts[i]], axis=1)
-        return np.concatenate([observation, self._truth[i]], axis=1)
+    def _see(self, observed: Array, begun: Array) -> Array:
+        """Return observations and truth; parameters are read where an episode has begun."""
+        rows = []
+        for i, (env, new) in enumerate(zip(self._batches, np.split(begun, self._cuts), strict=True)):
+            if new.any():
+                self._facts[i] = _facts(env)
+            signals, limit = env.true_signals(), env.interface.torque_scale
+            error = np.arcsinh(100.0 * (signals["reference"] - signals["position"]))
+            moving = error, signals["disturbance"] / limit, signals["payload"][:, None]
+            rows.append(np.concatenate([*moving, self._facts[i]], axis=1))
+        self._truth = np.concatenate(rows)
+        return np.concatenate([observed, self._truth], axis=1)
 
 
 def _facts(env: Any) -> Array:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from itertools import chain
 from typing import Any
 
 import numpy as np
@@ -14,6 +13,7 @@ from stable_baselines3.common.vec_env import VecEnv
 from benchmarks.agents.adapter import AdapterSettings, AgentAdapter
 from controllers.base import where_lanes
 from fbl_gym.envs.env_common import check_reset_options
+from fbl_gym.envs.side_by_side import SideBySideVectorEnv
 from fbl_gym.interface import Interface
 from fbl_gym.model.arm import Array
 
@@ -80,10 +80,9 @@ class ArmVecEnv(VecEnv):
         for mode in (env.metadata["autoreset_mode"] for env in envs):
             if mode != AutoresetMode.SAME_STEP:
                 raise ValueError(f'env must be made with autoreset_mode="SameStep", got {mode.value!r}')
-        self.envs = envs
-        *self._cuts, lanes = np.cumsum([env.num_envs for env in envs]).tolist()
-        super().__init__(lanes, envs[0].single_observation_space, envs[0].single_action_space)
-        self.metadata = dict(envs[0].metadata)
+        self._batch = batch = SideBySideVectorEnv(*envs)
+        super().__init__(batch.num_envs, batch.single_observation_space, batch.single_action_space)
+        self.metadata = batch.metadata
 
     def reset(self) -> Array:
         """Start an episode in every lane, with the seeds of `seed()` if it was called since.
@@ -92,11 +91,11 @@ class ArmVecEnv(VecEnv):
         """
         for options in self._options:
             check_reset_options(options, ())
-        observations = [env.reset(seed=self._seeds[: env.num_envs])[0] for env in self.envs]  # type: ignore[arg-type]
+        observations, _ = self._batch.reset(seed=self._seeds[0])
         self._reset_seeds()
         self._reset_options()
         self.reset_infos = [{} for _ in range(self.num_envs)]
-        return np.concatenate(observations)
+        return observations
 
     def step_async(self, actions: Array) -> None:
         """Keep the actions for `step_wait`."""
@@ -104,25 +103,30 @@ class ArmVecEnv(VecEnv):
 
     def step_wait(self) -> tuple[Array, Array, Array, list[dict[str, Any]]]:
         """Take one step; return observations, rewards, dones and infos as SB3 defines them."""
-        pairs = zip(self.envs, np.split(self._actions, self._cuts), strict=True)
-        *signals, infos = zip(*(_step(env, actions) for env, actions in pairs), strict=True)
-        observations, rewards, done = map(np.concatenate, signals)
+        observations, rewards, *ends, batch_infos = self._batch.step(self._actions)
+        terminated, truncated = (flags.astype(bool) for flags in ends)
+        done = terminated | truncated
+        infos: list[dict[str, Any]] = [{"TimeLimit.truncated": cut} for cut in (truncated & ~terminated).tolist()]
+        if "cost" in batch_infos:
+            last = batch_infos.get("final_info", batch_infos)["cost"]
+            for info, cost in zip(infos, np.where(done, last, batch_infos["cost"]).tolist(), strict=True):
+                info["cost"] = cost
         for lane in np.flatnonzero(done):
             self.reset_infos[lane] = {}
-        return observations, rewards, done, list(chain(*infos))
+            infos[lane]["terminal_observation"] = batch_infos["final_obs"][lane]
+        return observations, rewards.astype(np.float32), done, infos
 
     def close(self) -> None:
         """Close the environments."""
-        for env in self.envs:
-            env.close()
+        self._batch.close()
 
     def get_images(self) -> list[Any]:
         """Return a frame of each lane."""
-        return [frame for env in self.envs for frame in env.render() or ()]
+        return [*(self._batch.render() or ())]
 
     def get_attr(self, attr_name: str, indices: Any = None) -> list[Any]:
         """Return for each lane the attribute of its batch, wrapped or not."""
-        lanes = [env for env in self.envs for _ in range(env.num_envs)]
+        lanes = [env for env in self._batch.envs for _ in range(env.num_envs)]
         envs = [lanes[lane] for lane in self._get_indices(indices)]
         return [getattr(env if hasattr(env, attr_name) else env.unwrapped, attr_name) for env in envs]
 
@@ -137,17 +141,3 @@ class ArmVecEnv(VecEnv):
     def env_is_wrapped(self, _: type, indices: Any = None) -> list[bool]:
         """Return False for each lane, since no lane has wrappers."""
         return [False for _ in self._get_indices(indices)]
-
-
-def _step(env: VectorEnv, actions: Array) -> tuple[Array, Array, Array, list[dict[str, Any]]]:
-    """Take one step in a batch; return observations, rewards, dones, and the info of each lane."""
-    observations, rewards, terminated, truncated, batch_infos = env.step(actions)
-    done = terminated | truncated
-    infos: list[dict[str, Any]] = [{"TimeLimit.truncated": cut} for cut in (truncated & ~terminated).tolist()]
-    if "cost" in batch_infos:
-        last = batch_infos.get("final_info", batch_infos)["cost"]
-        for info, cost in zip(infos, np.where(done, last, batch_infos["cost"]).tolist(), strict=True):
-            info["cost"] = cost
-    for lane in np.flatnonzero(done):
-        infos[lane]["terminal_observation"] = batch_infos["final_obs"][lane]
-    return observations, rewards.astype(np.float32), done, infos

@@ -106,6 +106,10 @@ class TwoLinkArmEnv(TaskProperties, gym.Env[Any, Any]):
       of the joints whose torque is at its limit. A step then takes some 40 microseconds more.
       With `constraints`, each step's info has `cost`, with and without this option: 1.0 if the step
       ended beyond a bound, else 0.0.
+    * `context`: True adds `context` to the info of `reset`, for teachers: the true numbers of the
+      episode, which `context_names` names. They are masses [kg] and lengths [m] of the links, then
+      all numbers that may vary, with times in physics steps, and 0 for no limit of the rate. The
+      observation never has them.
     * `render_mode`: "human" shows a window in real time, "rgb_array" returns a frame for each
       `render()`. Both need pygame (`pip install 'fbl-gym[render]'`).
     * `render_size`: width and height of a frame [pixels], 480 by default.
@@ -137,13 +141,14 @@ class TwoLinkArmEnv(TaskProperties, gym.Env[Any, Any]):
         preview: int = 0,
         past_actions: int = 0,
         info: bool = False,
+        context: bool = False,
         render_mode: str | None = None,
         render_size: int = 480,
         **options: Any,
     ) -> None:
         self._prepare(
             scenario, options, reward=reward, action=action, preview=preview, past_actions=past_actions, info=info,
-            render_mode=render_mode, render_size=render_size,
+            context=context, render_mode=render_mode, render_size=render_size,
         )  # fmt: skip
         self.observation_space = self.interface.observation_space
         self.action_space = self.interface.action_space
@@ -159,7 +164,7 @@ class TwoLinkArmEnv(TaskProperties, gym.Env[Any, Any]):
                 single one [2] is a goal.
 
         Returns:
-            The first observation, [size], and an empty info.
+            The first observation, [size], and info, which is empty without the option `context`.
         """
         check_reset_options(options, START)
         self._give_start(_LANE, options)
@@ -176,7 +181,7 @@ class TwoLinkArmEnv(TaskProperties, gym.Env[Any, Any]):
         self._batch.reset(_LANE, observation)
         if self.render_mode == "human":
             self.render()
-        return observation, {}
+        return observation, {name: value[0] for name, value in self._context().items()}
 
     def step(self, action: Array) -> tuple[Array, float, bool, bool, dict[str, Any]]:
         """Hold an action for `control_dt`.

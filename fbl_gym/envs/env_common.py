@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from fbl_gym.interface import Interface, Layout
 from fbl_gym.kernel.batch import ArmBatch
 from fbl_gym.kernel.cuda import CudaBatch
+from fbl_gym.kernel.memory.layout import BLOCK, VARIED
 from fbl_gym.kernel.memory.program import Program, make_program
 from fbl_gym.kernel.step.pool import threads_for
 from fbl_gym.model.arm import Array
@@ -22,7 +23,9 @@ from fbl_gym.records.record import build, naming
 from fbl_gym.scenarios import Scenario, as_scenario
 
 MAX_SEED = 2**64 - 1
-ARGUMENTS = ("scenario", "action", "reward", "preview", "past_actions", "info", "render_mode", "render_size")
+CONTEXT = ("parameters", *(VARIED.names or ()))
+"""Fields of a block with all numbers that an episode draws for its arm."""
+ARGUMENTS = ("scenario", "action", "reward", "preview", "past_actions", "info", "context", "render_mode", "render_size")
 
 
 class TaskProperties:
@@ -47,6 +50,7 @@ class TaskProperties:
         threads: int | None = 1,
         device: str = "cpu",
         info: bool,
+        context: bool,
         render_mode: str | None,
         render_size: int,
         **task: Any,
@@ -62,7 +66,7 @@ class TaskProperties:
         if render_mode is not None:
             check_choice("render_mode", render_mode, self.metadata["render_modes"])
         self.render_mode = render_mode
-        self._info = info
+        self._info, self._has_context = info, context
         self.render_size = check_whole("render_size", render_size, low=160)
         # A film with one frame per step then runs in real time.
         self.metadata = {**self.metadata, "render_fps": max(1, round(1.0 / self._scenario.control_dt))}
@@ -79,6 +83,19 @@ class TaskProperties:
     def scenario(self) -> Scenario:
         """Return the task."""
         return self._scenario
+
+    def _context(self) -> dict[str, Array]:
+        """Return the context of each lane for an info, if it is asked for."""
+        if not self._has_context:
+            return {}
+        numbers = [self._batch.field(name).reshape(self._batch.lanes, -1) for name in CONTEXT]
+        return {"context": np.nan_to_num(np.concatenate(numbers, axis=1), posinf=0.0)}  # no rate limit is infinite
+
+    @property
+    def context_names(self) -> tuple[str, ...]:
+        """Return the name of each number of a context, such as "viscous[1]"."""
+        sizes = {name: BLOCK[name].itemsize // BLOCK["step"].itemsize for name in CONTEXT}
+        return tuple(f"{name}[{i}]" for name, size in sizes.items() for i in range(size))
 
     def _expect_begun(self, name: str) -> None:
         """Refuse to read a property before the first reset."""

@@ -11,10 +11,23 @@ from gymnasium import spaces
 from fbl_gym.interface import Interface, Layout
 from fbl_gym.kernel.step.api import subtract_and_scale
 from fbl_gym.model.arm import Array
+from fbl_gym.scenarios.classes import CLASSES
 
 _CLIP = 10.0
+WIDEST = 1.0, 10.0
+"""Largest errors of position [rad] and velocity [rad/s] in an observation with fine scales."""
+
 _MOTION = ("position", "velocity", "acceleration")
 _HANGING = np.array([-np.pi / 2, 0.0])
+
+DRIVE_SCALE = 0.05
+"""Scale of the drive's delay and lag in an agent's observation [s]."""
+
+
+def drive_numbers(interface: Interface) -> Array:
+    """Return the ends of delay and lag that the drive's datasheet states, and the class, [7]."""
+    robot = [float(interface.robot_class == name) for name in CLASSES]
+    return np.array([*np.divide([*interface.delay, *interface.lag], DRIVE_SCALE), *robot])
 
 
 class ErrorScales:
@@ -29,16 +42,20 @@ class ErrorScales:
     * acceleration of the reference;
     * for each previewed sample, its difference from the reference now (position, velocity,
       acceleration: six entries);
+    * with `drive`, the seven `drive_numbers`;
     * previous actions as a share of their bound, the last first.
 
     Attributes:
-        columns: see `kernel.api.subtract_and_scale`, [size x 4].
+        columns: see `kernel.api.subtract_and_scale`, [size x 5].
 
     Args:
         interface: of the environment.
         slots: names of the slots that are used, where the observation has them. The reference
             always is.
         scales: of the errors of position [rad], velocity [rad/s] and acceleration [rad/s^2].
+        fine: None, or scales s of the errors of position and velocity in place of these: an error
+            e within `WIDEST` is asinh(e / s), linear below s and logarithmic above.
+        drive: True if `drive_numbers` are among the entries.
     """
 
     def __init__(
@@ -46,19 +63,27 @@ class ErrorScales:
         interface: Interface,
         slots: Sequence[str] = ("position", "velocity", "preview", "previous_actions"),
         scales: Sequence[float] = (0.1, 1.0, 10.0),
+        fine: Sequence[float] | None = None,
+        drive: bool = False,
     ) -> None:
         used, every = {*slots, *(f"reference_{name}" for name in _MOTION)}, np.arange(interface.layout.size)
         self.layout = layout = Layout(tuple(slot for slot in interface.layout.slots if slot.name in used))
 
-        def columns(name: str, less: Any = -1, offset: Any = 0.0, scale: Any = 1.0) -> Array:
-            """Return the columns of a slot, see `kernel.api.subtract_and_scale`."""
-            entries = every[layout[name]]
-            return np.stack([np.resize(value, entries.size) for value in (entries, less, offset, scale)], axis=1)
+        def columns(entries: Any, less: Any = -1, offset: Any = 0.0, scale: Any = 1.0, bound: Any = _CLIP) -> Array:
+            """Return the columns of a slot or of entries, see `kernel.api.subtract_and_scale`."""
+            entries = every[layout[entries]] if isinstance(entries, str) else entries
+            numbers = (entries, less, offset, scale, bound)
+            return np.stack([np.resize(value, entries.size) for value in numbers], axis=1)
+
+        bounds = [_CLIP] * 3
+        if fine is not None:
+            bounds[:2] = np.arcsinh(np.divide(WIDEST, fine))
+            fine = (*np.negative(fine), scales[2])
 
         now = np.concatenate([every[layout[f"reference_{name}"]] for name in _MOTION])
         parts = [
-            columns(f"reference_{name}", every[layout[name]], scale=scale)
-            for name, scale in zip(_MOTION, scales, strict=True)
+            columns(f"reference_{name}", every[layout[name]], scale=scale, bound=bound)
+            for name, scale, bound in zip(_MOTION, fine or scales, bounds, strict=True)
             if name in layout
         ]
         parts.append(columns("position", offset=_HANGING))
@@ -67,8 +92,13 @@ class ErrorScales:
         parts.append(columns("reference_acceleration", scale=scales[2]))
         if "preview" in layout:
             parts.append(columns("preview", now, scale=np.repeat(scales, 2)))
+        if drive:  # entry 0, less itself, less the negative of a number
+            none = np.zeros(7, dtype=int)
+            parts.append(columns(none, none, -drive_numbers(interface), bound=[_CLIP] * 4 + [1.0] * 3))
         if "previous_actions" in layout:
-            parts.append(columns("previous_actions", scale=[limit or 1.0 for limit in interface.action_limit]))
+            parts.append(
+                columns("previous_actions", scale=[limit or 1.0 for limit in interface.action_limit], bound=1.0)
+            )
         self.columns = np.concatenate(parts)
         self.size = len(self.columns)
         self._numbers = self.columns.reshape(-1)  # to reshape at each step takes time
@@ -90,8 +120,5 @@ class ErrorScales:
     @property
     def space(self) -> spaces.Box:
         """Return the box of error coordinates, [size] of float32."""
-        bound = np.full(self.size, _CLIP, dtype=np.float32)
-        if "previous_actions" in self.layout:
-            actions = self.layout["previous_actions"]
-            bound[actions.start - actions.stop :] = 1.0
+        bound = self.columns[:, 4].astype(np.float32)
         return spaces.Box(-bound, bound)

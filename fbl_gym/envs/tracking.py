@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
+import numpy as np
 from gymnasium import spaces
 from gymnasium.vector import VectorEnv
 from gymnasium.vector.utils import batch_space
@@ -13,28 +14,63 @@ from fbl_gym.envs.error_scales import ErrorScales
 from fbl_gym.envs.vector_env import TwoLinkArmVectorEnv
 from fbl_gym.interface import Interface
 from fbl_gym.model.arm import Array
+from fbl_gym.records.checks import check_pair, check_whole
 
 
 class _InErrorCoordinates:
     """Base of environments, single or batched, that observe `ErrorScales`."""
 
     device: str
+    interface: Interface
     _batch: Any
+    _frames: Any
 
-    def _scale(self, interface: Interface) -> spaces.Box:
+    def _scale(self, history: int, fine: Any, drive: bool) -> spaces.Box:
         """Prepare the observations, and return the box of one."""
-        self._errors = ErrorScales(interface)
-        return self._errors.space
+        fine = None if fine is None else check_pair("fine", fine, above=0)
+        self._errors = ErrorScales(self.interface, fine=fine, drive=drive)
+        self._history = check_whole("history", history, high=10_000)
+        if history and self.device != "cpu":
+            raise ValueError(f"history must be 0 with device='cuda', got {history}: stack the tensors in your program")
+        bound = np.tile(self._errors.space.high, history + 1)
+        return spaces.Box(-bound, bound)
 
     def reset(self, *, seed: Any = None, options: dict[str, Any] | None = None) -> tuple[Any, dict[str, Any]]:
         """Start episodes; return observations [size], of a batch [num_envs x size], and infos."""
         observations, infos = super().reset(seed=seed, options=options)  # type: ignore[misc]
-        return self._scaled(observations, {}), infos
+        return self._stacked(self._scaled(observations, {}), slice(-self._errors.size)), infos
 
     def step(self, action: Array) -> tuple[Any, Any, Any, Any, dict[str, Any]]:
         """Hold an action [2], of a batch [num_envs x 2], for `control_dt`; see `reset`."""
         observations, rewards, terminated, truncated, infos = super().step(action)  # type: ignore[misc]
-        return self._scaled(observations, infos), rewards, terminated, truncated, infos
+        observations, earlier = self._scaled(observations, infos), slice(self._errors.size, None)
+        if self._history and "final_obs" in infos:
+            for lane in np.flatnonzero(infos["_final_obs"]):
+                infos["final_obs"][lane] = np.append(self._frames[lane, earlier], infos["final_obs"][lane])
+        return self._stacked(observations, earlier), rewards, terminated, truncated, infos
+
+    def state(self) -> Any:
+        """Return a copy of the state, see `TwoLinkArmEnv.state`, with the earlier observations."""
+        state = super().state()  # type: ignore[misc]
+        return (state, self._frames.copy()) if self._history else state
+
+    def set_state(self, state: Any) -> None:
+        """Go on from a state, see `TwoLinkArmEnv.set_state`."""
+        frames: Any = None
+        if self._history:
+            state, frames = state if isinstance(state, tuple) and len(state) == 2 else (None, None)
+            state = state if np.shape(frames) == self._frames.shape else None
+        super().set_state(state)  # type: ignore[misc]
+        self._frames = frames
+
+    def _stacked(self, observations: Any, earlier: slice) -> Any:
+        """Return observations behind the earlier ones, or behind zeros where an episode begins."""
+        if not self._history:
+            return observations
+        begins = self._batch.field("step")[:, None] == 0
+        frames = np.where(begins, np.float32(0.0), self._frames[..., earlier]).reshape(*observations.shape[:-1], -1)
+        self._frames = np.concatenate([frames, observations], axis=-1)
+        return self._frames.copy()
 
     def _scaled(self, observations: Any, infos: dict[str, Any]) -> Any:
         """Return observations in error coordinates, and change `final_obs` to them."""
@@ -70,7 +106,12 @@ class TwoLinkArmTrackingEnv(_InErrorCoordinates, TwoLinkArmEnv):
 
     A delay or lag of the drive adds the earlier actions that still act.
     With `preview=n`, 6 n entries precede the previous actions: the coming samples of the reference,
-    less the reference now. Values outside the range are clipped.
+    less the reference now. With `drive=True`, seven more follow these: the shortest and longest
+    delay and the smallest and largest lag of the drive's data sheet [0.05 s], and 1 for the
+    robot's class of servo, direct and geared, else 0. Values outside the range are clipped.
+
+    With `history=n`, n earlier observations precede all this, the oldest first, and zeros before
+    the episode: the observation of SB3's `VecFrameStack` with n + 1 frames.
 
     `interface` and `layout` describe the observation of `TwoLinkArmEnv`. The laws of `controllers`
     read that one.
@@ -78,12 +119,21 @@ class TwoLinkArmTrackingEnv(_InErrorCoordinates, TwoLinkArmEnv):
     Args:
         scenario: as in `TwoLinkArmEnv`.
         past_actions: least number of previous actions in the observation.
+        history: number of earlier observations in the observation; 0 with `device="cuda"`.
+        fine: scales s of the errors of position [rad] and velocity [rad/s], such as (0.002, 0.05).
+            Entries 0 to 3 are then asinh(error / s), linear below s and logarithmic above, with
+            errors within 1 rad and 10 rad/s. None: linear.
+        drive: True if the observation has the drive's data sheet.
         **options: as in `TwoLinkArmEnv`.
     """
 
-    def __init__(self, scenario: Any = None, *, past_actions: int = 1, **options: Any) -> None:
+    def __init__(
+        self, scenario: Any = None, *, past_actions: int = 1, history: int = 0, fine: Any = None, drive: bool = False,
+        **options: Any,
+    ) -> None:  # fmt: skip
         super().__init__(scenario, past_actions=past_actions, **options)
-        self.observation_space = self._scale(self.interface)
+        self.observation_space = self._scale(history, fine, drive)
+        self._frames = np.zeros(self.observation_space.shape, np.float32)
 
 
 class TwoLinkArmTrackingVectorEnv(_InErrorCoordinates, TwoLinkArmVectorEnv, VectorEnv[Array, Array, Array]):
@@ -92,7 +142,11 @@ class TwoLinkArmTrackingVectorEnv(_InErrorCoordinates, TwoLinkArmVectorEnv, Vect
     `VectorEnv` is named since skrl looks for it among the direct bases.
     """
 
-    def __init__(self, num_envs: int = 1, scenario: Any = None, *, past_actions: int = 1, **options: Any) -> None:
+    def __init__(
+        self, num_envs: int = 1, scenario: Any = None, *, past_actions: int = 1, history: int = 0, fine: Any = None,
+        drive: bool = False, **options: Any,
+    ) -> None:  # fmt: skip
         super().__init__(num_envs, scenario, past_actions=past_actions, **options)
-        self.single_observation_space = self._scale(self.interface)
+        self.single_observation_space = self._scale(history, fine, drive)
         self.observation_space = batch_space(self.single_observation_space, self.num_envs)
+        self._frames = np.zeros(self.observation_space.shape, np.float32)

@@ -12,6 +12,7 @@ from gymnasium.vector.utils import batch_space
 from numpy.typing import NDArray
 
 from fbl_gym.envs.env_common import MAX_SEED, START, TaskProperties, as_actions, check_reset_options, check_seed
+from fbl_gym.envs.side_by_side import side_by_side
 from fbl_gym.kernel.batch import Flags, Truth
 from fbl_gym.model.arm import Array
 from fbl_gym.options import Reward
@@ -32,10 +33,13 @@ class TwoLinkArmVectorEnv(TaskProperties, VectorEnv[Array, Array, Array]):
     environment with seed s bit for bit, for any `num_envs`. As in Gymnasium's vector environments,
     `reset(seed=s)` gives lane i the seed s + i.
 
+    With a list of scenarios, this returns a `SideBySideVectorEnv`: a batch of each, side by side.
+
     The other arguments are those of `TwoLinkArmEnv`.
 
     Args:
         num_envs: number of lanes, one or more.
+        scenario: as in `TwoLinkArmEnv`, or a list of them, which share the lanes equally.
         autoreset_mode: NEXT_STEP (default), SAME_STEP or DISABLED, as
             `gymnasium.vector.AutoresetMode` or its value.
         max_episode_steps: truncate after this number of steps, if the scenario's duration is
@@ -55,6 +59,12 @@ class TwoLinkArmVectorEnv(TaskProperties, VectorEnv[Array, Array, Array]):
 
     metadata = {"render_modes": ["rgb_array"], "render_fps": 100}  # noqa: RUF012 - as in Gymnasium
 
+    def __new__(cls, num_envs: int = 1, scenario: Any = None, **options: Any) -> Any:
+        """Return a batch of one scenario, or those of a list side by side."""
+        if isinstance(scenario, list | tuple):
+            return side_by_side(cls, num_envs, scenario, options)
+        return super().__new__(cls)
+
     def __init__(
         self,
         num_envs: int = 1,
@@ -65,6 +75,7 @@ class TwoLinkArmVectorEnv(TaskProperties, VectorEnv[Array, Array, Array]):
         preview: int = 0,
         past_actions: int = 0,
         info: bool = False,
+        context: bool = False,
         autoreset_mode: AutoresetMode | str = AutoresetMode.NEXT_STEP,
         max_episode_steps: int | None = None,
         threads: int | None = None,
@@ -79,7 +90,7 @@ class TwoLinkArmVectorEnv(TaskProperties, VectorEnv[Array, Array, Array]):
             check_whole("max_episode_steps", max_episode_steps, low=1)
         self._prepare(
             scenario, options, reward=reward, action=action, preview=preview, past_actions=past_actions, info=info,
-            lanes=self.num_envs, threads=threads, device=device, max_episode_steps=max_episode_steps,
+            context=context, lanes=self.num_envs, threads=threads, device=device, max_episode_steps=max_episode_steps,
             autoreset=_AUTORESET.index(self.autoreset_mode), render_mode=render_mode, render_size=render_size,
         )  # fmt: skip
         self.metadata = {**self.metadata, "autoreset_mode": self.autoreset_mode}
@@ -103,8 +114,8 @@ class TwoLinkArmVectorEnv(TaskProperties, VectorEnv[Array, Array, Array]):
                 [num_envs x ...].
 
         Returns:
-            Observations [num_envs x size], unchanged for lanes that were not reset, and an empty
-            info.
+            Observations [num_envs x size], unchanged for lanes that were not reset, and infos. They
+            are empty without `context=True`. With it, they have `context`, and its mask `_context`.
         """
         check_reset_options(options, ("reset_mask", *START))
         mask = self._as_mask((options or {}).get("reset_mask"))
@@ -124,7 +135,7 @@ class TwoLinkArmVectorEnv(TaskProperties, VectorEnv[Array, Array, Array]):
         self._begun = True
         observations = self._batch.observations()
         self._batch.reset(chosen, observations)
-        return observations, {}
+        return observations, _in_lanes(mask, self._context())
 
     def step(self, actions: Any) -> tuple[Any, Any, Any, Any, dict[str, Any]]:
         """Hold each lane's action for `control_dt`.
@@ -137,7 +148,8 @@ class TwoLinkArmVectorEnv(TaskProperties, VectorEnv[Array, Array, Array]):
             In SAME_STEP mode, infos has `final_obs` and `final_info` of the lanes that ended, with
             their masks `_final_obs` and `_final_info`. With `info=True` or `constraints`, it has
             the arrays of `TwoLinkArmEnv`, with masks that are False in lanes that this step reset;
-            those of their last step are in `final_info`. On a GPU, `final_obs` is one array
+            those of their last step are in `final_info`. With `context=True`, it has the context of
+            the lanes that this step reset. On a GPU, `final_obs` is one array
             [num_envs x size], of which the rows of lanes that ended count; torch has their mask.
 
         Raises:
@@ -180,6 +192,8 @@ class TwoLinkArmVectorEnv(TaskProperties, VectorEnv[Array, Array, Array]):
     def _infos(self, terminated: Flags, truncated: Flags) -> dict[str, Any]:
         measures = self._measures() if self._reports else {}
         infos: dict[str, Any] = _in_lanes(self._batch.field("step") > 0, measures) if measures else {}
+        if self._has_context and (begins := self._batch.field("step") == 0).any():
+            infos |= _in_lanes(begins, self._context())
         if self.autoreset_mode != AutoresetMode.SAME_STEP:
             return infos
         if self.device == "cuda":  # nothing here waits for the GPU, but for measures

@@ -12,7 +12,7 @@ from typing import Any, ClassVar, TypeAlias
 import numpy as np
 
 from fbl_gym.records.checks import Pair
-from fbl_gym.records.record import Option, kind, number, pair, table, whole
+from fbl_gym.records.record import Number, Numbers, Option, ends, kind, number, pair, table, whole
 
 # Joint angles that the default references stay within, one radian about hanging. The moves of
 # `MinimumJerk` then need at most 1,683 and 749 N m of any arm whose masses and lengths lie between
@@ -151,7 +151,7 @@ class FilteredSteps(_Points):
     """
 
     period: float = number(2.0, unit="s", above=0)
-    bandwidth: float = number(5.0, unit="rad/s", above=0, kernel="bandwidth")
+    bandwidth: Number = number(5.0, unit="rad/s", above=0, varies=True, kernel="bandwidth")
     kind: str = kind("filtered-steps")
 
     pairs: ClassVar[int] = 3  # also the filter's state at the start of each segment
@@ -166,13 +166,15 @@ class _Oscillation(_Reference):
         amplitude: bound of `|q - centre|`, the sum of the sines' amplitudes.
     """
 
-    centre: Pair | float = pair((-math.pi / 2, 0.0), unit="rad", kernel="reference_middle")
-    amplitude: Pair | float = pair(1.0, unit="rad", low=0)
+    centre: Numbers = pair((-math.pi / 2, 0.0), unit="rad", varies=True, kernel="reference_middle")
+    amplitude: Numbers = pair(1.0, unit="rad", low=0, varies=True, kernel="reference_amplitude")
 
     @property
     def range(self) -> tuple[Pair, Pair]:
         """Return the lowest and the highest position of each joint [rad], for any phase."""
-        return _range(np.array(self.centre) + np.outer([-1, 1], self.amplitude))
+        joints: Any = zip(self.centre, self.amplitude, strict=True)  # type: ignore[arg-type]
+        centres, sizes = np.transpose([(ends(centre), ends(size)) for centre, size in joints], (1, 2, 0))
+        return _range(centres + np.outer([-1, 1], sizes[1]))
 
     def pack(self, packer: Any) -> None:
         """Write the sines; those of `FourierReference` have drawn phases."""
@@ -182,8 +184,7 @@ class _Oscillation(_Reference):
         weights = 1.0 / np.arange(1, n + 1)
         settings["reference_points"] = settings["waypoints"] = n
         settings["reference_phases_drawn"] = phase is None
-        amplitudes = np.outer(weights / weights.sum(), self.amplitude).ravel()
-        settings["reference_table"] = packer.table([*amplitudes, *((0.0, 0.0) if phase is None else phase)])
+        settings["reference_table"] = packer.table([*(weights / weights.sum()), *(phase or (0.0, 0.0))])
 
 
 @dataclass(frozen=True)
@@ -195,8 +196,8 @@ class SineReference(_Oscillation):
         phase: phase of the motion; None: drawn per episode.
     """
 
-    amplitude: Pair | float = 0.5
-    frequency: float = number(0.25, unit="Hz", above=0, high=1e6, kernel="base_rate", scale=2 * np.pi)
+    amplitude: Numbers = 0.5
+    frequency: Number = number(0.25, unit="Hz", above=0, high=1e6, varies=True, kernel="base_rate", scale=2 * np.pi)
     phase: Pair | float | None = pair(0.0, unit="rad", optional=True, low=-1e6, high=1e6)
     kind: str = kind("sine")
 
@@ -210,7 +211,7 @@ class FourierReference(_Oscillation):
         harmonics: number of harmonics.
     """
 
-    frequency: float = number(0.1, unit="Hz", above=0, high=1e6, kernel="base_rate", scale=2 * np.pi)
+    frequency: Number = number(0.1, unit="Hz", above=0, high=1e6, varies=True, kernel="base_rate", scale=2 * np.pi)
     harmonics: int = whole(5, low=1, high=10_000)
     kind: str = kind("fourier")
 

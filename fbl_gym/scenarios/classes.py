@@ -23,8 +23,17 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from fbl_gym.model.arm import ArmParameters, stretched_inertia
-from fbl_gym.options import DriveChange, FlexibleLink, FourierReference, FrictionChange, Knock, MinimumJerk, PickUp
-from fbl_gym.records.record import merged
+from fbl_gym.options import (
+    ArrayReference,
+    DriveChange,
+    FlexibleLink,
+    FourierReference,
+    FrictionChange,
+    Knock,
+    MinimumJerk,
+    PickUp,
+)
+from fbl_gym.records.record import ends, merged
 from fbl_gym.scenarios.families import Family, Tier
 from fbl_gym.scenarios.scenario import Scenario, as_arm
 
@@ -403,9 +412,18 @@ def _tiers() -> dict[str, Tier]:
 TIERS = _tiers()
 """The tiers of the classes, by name."""
 
+
+def _with_rotors(kind: RobotClass, arm: ArmParameters) -> tuple[ArmParameters, ArmParameters]:
+    """Return an arm, and the same with the rotors that it has behind springs."""
+    return arm, dataclasses.replace(arm, rotor=tuple(_Scale(kind, arm).rotor))
+
+
 _OWN_ARMS = {
     *(kind.other_arm for kind in CLASSES.values()), *(as_arm(name, name) for kind in CLASSES.values() for name in kind.arms),
-    *(variant.of(kind.arm) for kind in CLASSES.values() for variant in _BOARD_ARMS),
+    *(
+        arm for kind in CLASSES.values() for variant in {*_BOARD_ARMS, *_PRACTICE_ARMS}
+        for arm in _with_rotors(kind, variant.of(kind.arm))
+    ),
 }  # fmt: skip
 """The arms on which tuning and training may have no events, links that bend or other plant."""
 
@@ -413,14 +431,20 @@ _OWN_ARMS = {
 def held_out_reason(scenario: Scenario) -> str:
     """Return the reason why tuning and training may not use a scenario; empty if they may.
 
-    A board is judged on motions, events, arms and engines that no law has been tuned for. A
-    scenario is recognised by its content, whatever its name.
+    A board is judged on kinds of motion, events, arms and engines that no law has been tuned for. A
+    scenario is recognised by its content, whatever its name. Behind a drive with a delay or a lag,
+    an arm of a class may have no minimum-jerk moves, which are the boards' motion, and no "array",
+    which is the sealed test's, whatever their numbers.
     """
-    reference = scenario.reference
+    reference, drive = scenario.reference, scenario.actuator
     if isinstance(reference, MinimumJerk) and reference.points is None and (reference.low, reference.high) == _BOX:
         return f"its motion is the board's: minimum-jerk moves between {reference.low} and {reference.high} rad"
     if scenario.arm not in _OWN_ARMS:
         return ""
+    if isinstance(reference, MinimumJerk | ArrayReference) and any(
+        ends(late)[1] > 0 for late in (drive.delay, drive.delay_samples, drive.lag)
+    ):
+        return f'its motion is of a kind that judges the robots of a class: "{reference.kind}"'
     if scenario.events:
         return "it has events, as the tiers of surprise"
     if scenario.link is not None:

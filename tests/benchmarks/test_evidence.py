@@ -54,6 +54,7 @@ def test_the_sealed_test_is_drawn_from_the_version():
     for family, (task, seeds) in tasks.items():
         other, others = sealed.draw("1f" * 6, "servo", family)
         assert other.arm != task.arm
+        assert (task.reference.kind, other.reference == task.reference) == ("array", False)
         assert set(seeds) != set(others)
         assert len(set(seeds)) == 32
         assert all(30_000 <= seed < 40_000 for seed in seeds)

@@ -18,6 +18,12 @@ CHANGES = {
 CASES = {
     **{f"{lanes} lanes": (ID, lanes, EVENTFUL) for lanes in (1, 2, 3, 8, 9, 16, 17, 37)},
     "tracking": (TRACKING, 3, {"scenario": "everything-2", "duration": 0.08, "preview": 1}),
+    "history": (
+        TRACKING,
+        3,
+        {"scenario": "servo-delay-2", "duration": 0.08, "history": 2, "fine": 0.01, "drive": True},
+    ),
+    "context": (TRACKING, 3, {"scenario": "everything-2", "duration": 0.08, "context": True}),
     "info": (ID, 3, {"scenario": "everything-2", "duration": 0.1, "info": True}),
     "costs": (ID, 3, {"duration": 0.08, "constraints": TIGHT}),
     "ends by constraints": (TRACKING, 3, {"duration": 0.3, "constraints": {**TIGHT, "violation": "end"}}),
@@ -79,7 +85,8 @@ def test_any_order_of_steps_and_resets_gives_what_single_environments_give(case,
             a, b = ours.reset(**arguments), theirs.reset(**arguments)
             ended[:] = False
         np.testing.assert_array_equal(a[0], b[0])
-        assert a[1] == b[1] == {}
+        assert_same_infos(a[1], b[1])
+        assert set(a[1]) == ({"context", "_context"} if case == "context" else set())
     assert ends >= 3
 
 

@@ -172,6 +172,28 @@ def test_preview_observation_and_truth_have_one_reference(reference):
         np.testing.assert_array_equal(ahead[: 100 - k, k], now[k + 1 :])
 
 
+@pytest.mark.parametrize("path", ["sine.frequency", "fourier.centre", "fourier.amplitude", "filtered-steps.bandwidth"])
+def test_a_lane_that_draws_a_number_follows_the_motion_of_that_number(path):
+    """To the bit, with its preview, and for each joint that draws."""
+    kind, name = path.split(".")
+
+    def motions(value):
+        env = TwoLinkArmVectorEnv(16, reference={"kind": kind, name: value}, preview=20)
+        return env.reset(seed=2)[0][:, env.layout.reference].reshape(16, 63, 2)
+
+    first, second, drawn = map(motions, (0.6, 1.3, {"choice": (0.6, 1.3)}))
+    is_first, is_second = ((drawn == each).all(axis=1) for each in (first, second))
+    assert np.all(is_first != is_second)
+    assert 0 < is_first.sum() < 32
+    if kind != "fourier":
+        assert np.all(is_first[:, 0] == is_first[:, 1])
+
+
+def test_the_widest_drawn_motion_is_within_the_sensors_range():
+    with pytest.raises(ValueError, match=r"reference must stay within .* got positions from \(-31.*to \(28"):
+        TwoLinkArmEnv(reference={"kind": "sine", "amplitude": {"uniform": [0, 30]}})
+
+
 @pytest.mark.parametrize("kind", ["minimum-jerk", "steps", "filtered-steps"])
 def test_all_levels_of_an_episode_are_drawn_uniformly_from_the_box(kind):
     low, high = np.array([-2.0, 0.1]), np.array([-1.0, 0.3])

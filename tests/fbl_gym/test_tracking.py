@@ -73,3 +73,65 @@ def test_error_coordinates_are_the_documented_ones():
         expected.append(a[at["previous_actions"]])
         np.testing.assert_allclose(b, np.clip(np.concatenate(expected), -10, 10), rtol=1e-6, atol=1e-6)
         a, b = plain.step((0.1, -0.2))[0], tracking.step((0.1, -0.2))[0]
+
+
+@pytest.mark.parametrize("preview", [0, 2])
+def test_history_fine_scales_and_data_sheet_change_their_entries_alone(preview):
+    options = {"scenario": "servo-delay-2", "preview": preview, "duration": 0.2}
+    plain, fine = TwoLinkArmTrackingEnv(**options), TwoLinkArmTrackingEnv(**options, fine=(0.002, 0.05))
+    drive, stacked = TwoLinkArmTrackingEnv(**options, drive=True), TwoLinkArmTrackingEnv(**options, history=2)
+    size, sheet = plain.observation_space.shape[0], plain.interface
+    last = size - (plain.layout["previous_actions"].stop - plain.layout["previous_actions"].start)
+    stated = np.array([*np.divide([*sheet.delay, *sheet.lag], 0.05), 1.0, 0.0, 0.0], np.float32)
+    assert stacked.observation_space.shape == (3 * size,)
+    rng = np.random.default_rng(0)
+    for seed in (1, 2):
+        a, *others = (env.reset(seed=seed)[0] for env in (plain, fine, drive, stacked))
+        frames = [np.zeros_like(a), np.zeros_like(a), a]
+        for _ in range(10):
+            b, c, d = others
+            errors = np.sinh(b[:4].astype(float)) * [0.002, 0.002, 0.05, 0.05]
+            np.testing.assert_allclose(errors, a[:4] * [0.1, 0.1, 1.0, 1.0], rtol=3e-6, atol=1e-9)
+            np.testing.assert_array_equal(b[4:], a[4:])
+            np.testing.assert_array_equal(c, np.concatenate([a[:last], stated, a[last:]]))
+            np.testing.assert_array_equal(d, np.concatenate(frames[-3:]))
+            action = rng.uniform(-1, 1, 2)
+            a, *others = (env.step(action)[0] for env in (plain, fine, drive, stacked))
+            frames.append(a)
+
+
+def test_the_widest_errors_are_the_bounds_of_fine_scales():
+    env = TwoLinkArmTrackingEnv("nominal", fine=(0.002, 0.05), reward={"tracking": "l1"})
+    observation = env.reset(options={"position": (9.0, -9.0), "velocity": (90.0, -90.0)})[0]
+    high = env.observation_space.high[:4]
+    np.testing.assert_allclose(high, np.arcsinh([500, 500, 200, 200]), rtol=1e-6)
+    np.testing.assert_array_equal(observation[:4], high * [-1, 1, -1, 1])
+
+
+def test_a_state_has_the_earlier_observations():
+    options = {"scenario": "servo-nominal", "history": 3}
+    for env in (TwoLinkArmTrackingEnv(**options), TwoLinkArmTrackingVectorEnv(3, **options)):
+        env.reset(seed=0)
+        action = np.full(env.action_space.shape, 0.1)
+        for _ in range(5):
+            observation = env.step(action)[0]
+        state, observation[:] = env.state(), np.nan  # the caller may change what was returned
+        after = env.step(action)[0]
+        env.reset(seed=1)
+        env.set_state(state)
+        np.testing.assert_array_equal(env.step(action)[0], after)
+        with pytest.raises(ValueError, match="same arguments"):
+            env.set_state(state[0])
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"history": -1}, "history must be a whole number not below 0"),
+        ({"fine": 0.0}, "fine must be .* greater than 0, got 0"),
+        ({"fine": (1, 2, 3)}, r"fine must be one number, or one for each"),
+    ],
+)
+def test_a_wrong_option_is_named(options, message):
+    with pytest.raises(ValueError, match=message):
+        TwoLinkArmTrackingEnv(**options)

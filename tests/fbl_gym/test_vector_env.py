@@ -1,5 +1,6 @@
 """The vector environment fulfils Gymnasium's rules; `test_lanes.py` tests the motion of its lanes."""
 
+import functools
 import itertools
 
 import gymnasium as gym
@@ -9,7 +10,7 @@ from gymnasium.vector import AutoresetMode
 
 from fbl_gym import TwoLinkArmEnv, TwoLinkArmVectorEnv
 from fbl_gym.kernel.step import api
-from tests.fbl_gym.episodes import ID, started_batch
+from tests.fbl_gym.episodes import ID, TRACKING, started_batch
 
 MODES = [mode.value for mode in AutoresetMode]
 
@@ -70,6 +71,72 @@ def test_an_episode_ends_at_the_smaller_of_max_episode_steps_and_duration(mode):
         env = started_batch(2, autoreset_mode=mode, max_episode_steps=most, duration=0.1)
         flags = [env.step(np.zeros((2, 2)))[3] for _ in range(expected)]
         assert np.array(flags).all(axis=1).tolist() == [False] * (expected - 1) + [True]
+
+
+SCENARIOS = ("servo-practice-nominal", "servo-practice-delay-3", "servo-practice-everything-1")
+
+
+def flat(infos):
+    """The arrays of infos by their keys, those of `final_info` too."""
+    return {
+        f"{key} {k}": x
+        for key, value in infos.items()
+        for k, x in (value if key == "final_info" else {"": value}).items()
+    }
+
+
+@pytest.mark.parametrize("mode", ["NextStep", "SameStep"])
+@pytest.mark.parametrize("name", [ID, TRACKING])
+def test_several_scenarios_have_the_bits_that_each_has_alone(name, mode):
+    """Their spaces, steps, infos and resets of some lanes; all observe as many previous actions as the longest delay."""
+    options = {"duration": 0.1, "autoreset_mode": mode, "context": True, "constraints": {"velocity": 1.0}}
+    options |= {"limits": {"velocity": 3.0}} | ({"history": 1} if name == TRACKING else {})
+    make = functools.partial(gym.make_vec, name, vectorization_mode="vector_entry_point", **options)
+    together, parts, ends = make(8, scenario=[*SCENARIOS]), (slice(3), slice(3, 6), slice(6, 8)), 0
+    past = max(env.interface.layout["previous_actions"].stop for env in together.envs) - 10
+    alone = [make(n, scenario=each, past_actions=past // 2) for n, each in zip((3, 3, 2), SCENARIOS, strict=True)]
+    assert together.observation_space == gym.vector.utils.batch_space(alone[1].single_observation_space, 8)
+    together.action_space.seed(0)
+    for seed in (3, [*range(7), None]):
+        seeds = [seed if seed == 3 else seed[part] for part in parts]
+        pairs = [(together.reset(seed=seed), [env.reset(seed=s) for env, s in zip(alone, seeds, strict=True)])]
+        for _ in range(25):
+            actions = together.action_space.sample()
+            pairs.append((together.step(actions), [env.step(actions[p]) for env, p in zip(alone, parts, strict=True)]))
+        for ours, theirs in pairs:
+            for signal, each in zip(ours[:-1], zip(*theirs, strict=True), strict=False):
+                np.testing.assert_array_equal(signal, np.concatenate(each))
+            for part, (*_, infos) in zip(parts, theirs, strict=True):
+                seen = flat(ours[-1])
+                assert seen.keys() >= flat(infos).keys()
+                for key, values in flat(infos).items():
+                    np.testing.assert_equal([*seen[key][part]], [*values])
+            ends += 0 if len(ours) == 2 else (ours[2] | ours[3]).sum()
+    assert ends > 16
+    mask = np.arange(8) < 5
+    again, _ = together.reset(options={"reset_mask": mask})
+    theirs = [alone[i].reset(options={"reset_mask": mask[parts[i]]})[0] for i in (0, 1)]
+    np.testing.assert_array_equal(again, np.concatenate([*theirs, ours[0][6:]]))
+
+
+def test_scenarios_that_do_not_fit_together_are_refused():
+    for arguments, message in (
+        (
+            (8, ["nominal", {"sensors": ("position",)}]),
+            r"scenarios must have the same observation_space.*shapes \(12,\) and \(8,\)",
+        ),
+        ((1, ["nominal", "noise-1"]), "num_envs must be .* not below 2"),
+        ((1, []), "scenario must be a list of one or more"),
+    ):
+        with pytest.raises(ValueError, match=message):
+            TwoLinkArmVectorEnv(*arguments)
+    env, twin = (TwoLinkArmVectorEnv(2, ["nominal", "noise-1"]) for _ in range(2))
+    env.reset(seed=0), twin.reset(seed=0)
+    with pytest.raises(ValueError, match="actions must be finite, got"):
+        env.step([[0.0, 0.0], [np.nan, 0.0]])
+    np.testing.assert_array_equal(env.step(np.zeros((2, 2)))[0], twin.step(np.zeros((2, 2)))[0])
+    same = env.reset(options={"position": (-1.0, 0.5)})[0]
+    np.testing.assert_array_equal(same[0, :2], [-1.0, 0.5])
 
 
 def test_actions_of_any_memory_layout_and_type_move_the_arms_alike():

@@ -5,7 +5,7 @@ import numpy as np
 from fbl_gym.kernel.arm.elastic import advance_elastic, elastic_acceleration_and_friction, start_motors
 from fbl_gym.kernel.arm.flexible import advance_flexible, flexible_acceleration_and_friction, start_bends
 from fbl_gym.kernel.arm.physics import acceleration_and_friction, advance_by_law, advance_smoothly
-from fbl_gym.kernel.maths.fastmath import cached_njit, inline_njit, kernel_njit, larger, merged_njit, named, smaller
+from fbl_gym.kernel.maths.fastmath import cached_njit, clip, inline_njit, kernel_njit, log, merged_njit, named, sqrt
 from fbl_gym.kernel.memory.layout import (
     BLOCK,
     ENDED,
@@ -306,22 +306,27 @@ def end(memory):
 def scale_lane(observations, columns, out, results, size, lane):
     """Do as `subtract_and_scale` to one lane, with `size` numbers of an observation."""
     for i in range(results):
-        less, value = int(columns[4 * i + 1]), observations[lane * size + int(columns[4 * i])]
-        value -= observations[lane * size + less] if less >= 0 else columns[4 * i + 2]
-        out[lane * results + i] = smaller(larger(value / columns[4 * i + 3], -10.0), 10.0)
+        less, value = int(columns[5 * i + 1]), observations[lane * size + int(columns[5 * i])]
+        value -= (observations[lane * size + less] if less >= 0 else 0.0) + columns[5 * i + 2]
+        value /= columns[5 * i + 3]
+        if columns[5 * i + 3] < 0.0:
+            share = log(abs(value) + sqrt(value * value + 1.0))
+            value = -share if value > 0.0 else share
+        out[lane * results + i] = clip(value, columns[5 * i + 4])
 
 
 @cached_njit
 def subtract_and_scale(observations, columns, out):
-    """Write entries of observations, less others, in units of their scales, clipped to +-10.
+    """Write entries of observations, less others, in units of their scales, within bounds.
 
     Args:
         observations: [lanes * size].
-        columns: of each result, the entry, the entry that is subtracted, or -1 for a number,
-            this number, and the scale, [results * 4].
+        columns: of each result, the entry, the entry that is subtracted, or -1 for none, a number
+            that is subtracted, the scale, and the bound, [results * 5]. With a scale of -s, the
+            result is asinh(x / s).
         out: takes them [lanes * results].
     """
-    results = len(columns) // 4
+    results = len(columns) // 5
     lanes = len(out) // results
     for lane in range(lanes):
         scale_lane(observations, columns, out, results, len(observations) // lanes, lane)

@@ -42,8 +42,8 @@ def start(block, rows, queue, waypoints, settings, tables, lane):
     block.payload[lane] = block.held_payload[lane]
     lump(block, settings, lane)
 
-    draw_reference(waypoints, settings, tables, lane, seed, episode, block.given_reference[lane] == 1.0)
-    q1, q2, v1, v2, a1, a2 = reference(waypoints, settings, tables, lane, np.int64(0))
+    draw_reference(block, waypoints, settings, tables, lane, seed, episode, block.given_reference[lane] == 1.0)
+    q1, q2, v1, v2, a1, a2 = reference(block, waypoints, settings, tables, lane, np.int64(0))
     store_reference(block, lane, (q1, q2, v1, v2, a1, a2))
     if settings.reference_kind == STEPS:  # they jump at once, away from the arm's start
         q1, q2 = pair(waypoints[0], lane)

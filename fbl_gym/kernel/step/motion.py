@@ -12,7 +12,7 @@ _ZERO = np.uint64(0)
 
 
 @kernel_njit
-def reference(waypoints, settings, tables, lane, step):
+def reference(block, waypoints, settings, tables, lane, step):
     """Return the reference of a lane at a control step.
 
     Returns:
@@ -27,7 +27,7 @@ def reference(waypoints, settings, tables, lane, step):
         )  # fmt: skip
     time = step * settings.control_dt
     if kind in (ONE_SINE, FOURIER):
-        return _harmonics(waypoints, settings, tables, lane, time)
+        return _harmonics(block, waypoints, settings, tables, lane, time)
     if kind == MINIMUM_JERK:
         return _along(waypoints, lane, _profile(settings, time))
     i, j, tau = _segment(settings, time)
@@ -35,7 +35,7 @@ def reference(waypoints, settings, tables, lane, step):
     if kind == STEPS:
         return to1, to2, 0.0, 0.0, 0.0, 0.0
     # Filtered steps: r = to + (a + c tau) exp(-w tau).
-    w = settings.bandwidth
+    w = block.bandwidth[lane]
     fade = exp(-w * tau)
     (a1, a2), (c1, c2) = pair(waypoints[points + 2 * i], lane), pair(waypoints[points + 2 * i + 1], lane)
     r1, r2 = (a1 + c1 * tau) * fade, (a2 + c2 * tau) * fade
@@ -76,14 +76,13 @@ def _along(waypoints, lane, profile):
 
 
 @kernel_njit
-def _harmonics(waypoints, settings, tables, lane, time):
+def _harmonics(block, waypoints, settings, tables, lane, time):
     """Return a sum of sines."""
-    q1, q2 = settings.reference_middle[0], settings.reference_middle[1]
+    (q1, q2), (amplitude1, amplitude2) = pair(block.reference_middle, lane), pair(block.reference_amplitude, lane)
     v1, v2, a1, a2 = 0.0, 0.0, 0.0, 0.0
     for i in range(settings.reference_points):
-        w = (i + 1) * settings.base_rate
-        index = settings.reference_table + 2 * i
-        size1, size2 = tables[index], tables[index + 1]
+        w, share = (i + 1) * block.base_rate[lane], tables[settings.reference_table + i]
+        size1, size2 = share * amplitude1, share * amplitude2
         sin1, cos1 = sincos(w * time + waypoints[i, 0, lane])
         sin2, cos2 = sincos(w * time + waypoints[i, 1, lane])
         q1, q2 = q1 + size1 * sin1, q2 + size2 * sin2
@@ -118,11 +117,11 @@ def update_reference(block, waypoints, settings, tables, width):
     else:
         for lane in range(width):
             step = np.int64(block.step[lane])
-            store_reference(block, lane, reference(waypoints, settings, tables, lane, step))
+            store_reference(block, lane, reference(block, waypoints, settings, tables, lane, step))
 
 
 @kernel_njit
-def draw_reference(waypoints, settings, tables, lane, seed, episode, given):
+def draw_reference(block, waypoints, settings, tables, lane, seed, episode, given):
     """Set the way-points, levels or phases of a lane for a new episode, unless they are given."""
     kind, points, index = settings.reference_kind, settings.reference_points, settings.reference_table
     if kind == SAMPLES:
@@ -133,20 +132,20 @@ def draw_reference(waypoints, settings, tables, lane, seed, episode, given):
         if kind in (ONE_SINE, FOURIER):
             value1, value2 = TWO_PI * draw1, TWO_PI * draw2
             if not settings.reference_phases_drawn:
-                value1, value2 = tables[index + 2 * points], tables[index + 2 * points + 1]
+                value1, value2 = tables[index + points], tables[index + points + 1]
         elif index < 0:
             value1, value2 = low[0] + draw1 * (high[0] - low[0]), low[1] + draw2 * (high[1] - low[1])
         else:
             value1, value2 = tables[index + 2 * i], tables[index + 2 * i + 1]
         waypoints[i, 0, lane], waypoints[i, 1, lane] = value1, value2
     if kind == FILTERED_STEPS:
-        _chain_filter(waypoints, settings, lane)
+        _chain_filter(block, waypoints, settings, lane)
 
 
 @kernel_njit
-def _chain_filter(waypoints, settings, lane):
+def _chain_filter(block, waypoints, settings, lane):
     """Compute the filter's state at the start of each segment from the end of the one before."""
-    w, time, points = settings.bandwidth, settings.point_time, settings.reference_points
+    w, time, points = block.bandwidth[lane], settings.point_time, settings.reference_points
     fade = exp(-w * time)
     for joint in range(2):
         r, v = waypoints[0, joint, lane], 0.0

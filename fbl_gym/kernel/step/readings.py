@@ -208,7 +208,7 @@ def observe(block, rows, waypoints, settings, tables, out, first, last):
     for ahead in range(settings.preview):
         for lane in range(first, last):
             step = np.int64(block.step[lane]) + ahead + 1
-            sample = reference(waypoints, settings, tables, lane, step)
+            sample = reference(block, waypoints, settings, tables, lane, step)
             column = settings.observed + 2 * settings.past_actions + 6 * ahead
             for i in range(6):
                 out[lane, column + i] = clip(sample[i], settings.sensor_range[i // 2])

@@ -92,7 +92,7 @@ def test_history_holds_the_errors_and_actions_of_the_last_steps():
 
 def test_an_agent_observes_compressed_errors_their_mean_and_steps_ever_further_back():
     plain = AdapterSettings(sensors=MOTION)
-    settings = AdapterSettings(sensors=MOTION, compress=20.0, integral=0.04, history=3, reach=0.08)
+    settings = AdapterSettings(sensors=MOTION, fine=(0.005, 0.05), integral=0.04, history=3, reach=0.08)
     envs = [
         VectorAdapter(TwoLinkArmVectorEnv(2, "servo-practice-nominal", autoreset_mode="SameStep"), each)
         for each in (plain, settings)

@@ -110,6 +110,8 @@ def test_an_archive_of_any_algorithm_acts_as_it_was_saved(algorithm, tmp_path):
         ("PPO", {}),
         ("PPO", {"past_actions": 0}),
         ("PPO", {"scenario": "servo-delay-2", "preview": 3}),
+        ("PPO", {"scenario": "servo-delay-2", "history": 2, "fine": (0.002, 0.05), "drive": True}),
+        ("PPO", {"scenario": "geared-nominal", "past_actions": 0, "history": 1, "drive": True}),
         ("RecurrentPPO", {"scenario": "servo-delay-2"}),
     ],
 )
@@ -158,7 +160,7 @@ def normalized(env, folder):
 )
 def test_an_archive_of_stacked_frames_acts_on_the_arm_as_it_was_saved(padding, place, tmp_path):
     """In a later episode, and with the statistics of `VecNormalize` outside or inside of the stack, too."""
-    env = TwoLinkArmTrackingEnv("servo-delay-2", duration=0.1, preview=2)
+    env = TwoLinkArmTrackingEnv("servo-delay-2", duration=0.1, preview=2, fine=(0.01, 0.1))
     frames = gymnasium.wrappers.FrameStackObservation(env, 3) if padding != "zeros" else env
     stacked = DummyVecEnv([lambda: frames])
     stacked = normalized(stacked, tmp_path) if place == "inside" else stacked
@@ -309,7 +311,7 @@ def test_every_step_equals_that_of_single_environments():
 def test_attributes_and_methods_follow_sb3():
     env = batched()
     assert env.get_attr("render_mode") == [None] * LANES
-    assert env.get_attr("interface", indices=1) == [env.envs[0].unwrapped.interface]
+    assert env.get_attr("interface", indices=1) == [env._batch.envs[0].interface]
     assert env.env_is_wrapped(gymnasium.wrappers.TimeLimit) == [False] * LANES
     assert not env.has_attr("no_such_thing")
     for change in (lambda: env.set_attr("scenario", None), lambda: env.env_method("reset")):
