@@ -11,7 +11,7 @@ The text is one of:
 - a law with gains at the end, after its parts: "cascade-flm@K=30", "my_law.py@K=30,20@F=10",
   "cascade-flm@tuned@K=0.5x" for half the tuned or default gain, or those of a file:
   "pid-flm@my_gains.json", or "pid-flm@my_arm", which is my_arm/pid-flm.json;
-- "ppo-memory@2", a shipped agent of one training seed; "ppo-memory" is that with the smallest
+- "ppo-blend@2", a shipped agent of one training seed; "ppo-blend" is that with the smallest
   validation error, and on a board all of them (`benchmarks.run.expansion.members`);
 - "my_module:make_policy", a factory called with the interface, such as a subclass of `TorqueLaw`;
 - "path/to/file.py" (its `make_policy`) or "path/to/file.py:attribute";

@@ -216,7 +216,7 @@ def make(policy: str | PolicyName | Callable[..., Any], env: Any, **gains: Any) 
         policy: one of `names()`, LAW+PART, either with @tuned, or a factory as `register` takes
             it. A name may end in gains: "pid-flm@K=30", "pid-flm@K=0.5x" for half the tuned or
             default gain, "pid-flm@my_gains.json", or "pid-flm@my_gains", which is
-            my_gains/pid-flm.json. The end of "ppo-memory@2" is an agent's training seed.
+            my_gains/pid-flm.json. The end of "ppo-blend@2" is an agent's training seed.
         env: the environment, single or batched, wrapped or not; or its `interface`.
         **gains: arguments of the policy; those left out take their defaults.
 

@@ -20,7 +20,7 @@ FOLDER = Path(__file__).parent / "golden"
 CASES = [
     ("pd-gravity", "nominal"), ("cascade-flm", "everything-2"), ("adaptive-flm", "paper-6a"),
     ("robust-flm", "paper-4b"), ("slotine-li", "mixed-error-2"), ("sliding-mode", "stiction-2"),
-    ("ppo-memory", "payload-2"),
+    ("td3", "payload-2"),
 ]  # fmt: skip
 EVERY = 50
 

@@ -16,8 +16,8 @@ from fbl_gym.envs.error_scales import ErrorScales, drive_numbers
 from fbl_gym.interface import Interface
 from fbl_gym.model.arm import Array, inertia_matrix
 from fbl_gym.options import SENSORS
-from fbl_gym.records.checks import check_choice, check_choices, check_number
-from fbl_gym.records.record import Record, choice, choices, declared, number, whole
+from fbl_gym.records.checks import Pair, check_choice, check_choices, check_number
+from fbl_gym.records.record import Record, choice, choices, declared, number, pair, whole
 
 ACTIONS = ("torque", "residual", "blend")
 
@@ -39,7 +39,8 @@ def _check_law(name: str, value: Any) -> str:
     return str(value)
 
 
-def _check_flag(name: str, value: object) -> object:
+def check_flag(name: str, value: object) -> object:
+    """Return a value that is True or False."""
     if not isinstance(value, bool):
         raise ValueError(f"{name} must be True or False, got {value!r}")
     return value
@@ -67,11 +68,19 @@ class AdapterSettings(Record):
             the gains for the class of each robot.
         second: name of a blend's other law; empty for other actions.
         history: number of earlier steps whose errors and actions the agent observes, latest first.
+        reach: age of the oldest of these steps, which then lie ever further apart; 0: all follow
+            one another.
+        fine: None, or scales s of the errors of position [rad] and velocity [rad/s], of which the
+            agent then observes asinh(e / s).
+        integral: time constant of the running mean e of the position error, of which the agent
+            observes asinh(e / s), where s is the scale of that error; 0: none.
         memory: time constant of running mean squares that the agent observes, as logarithms; they
             are of the errors of its sensors, of the difference between a blend's torques over the
             inertia of the stretched arm, and of the change of both over one step. 0: none.
         drive: True if the agent observes the delay and lag that the drive's datasheet states, and
             the class of the robot.
+        arm: True if the agent observes the nominal arm, the springs and the errors of the sensors
+            that the datasheet states.
         period: time between two decisions of the agent; 0: each step. The law under it decides at
             each step.
         preview: how far ahead the agent observes the reference, at `PREVIEWED` samples, each less
@@ -85,8 +94,12 @@ class AdapterSettings(Record):
     base: str = declared("computed-torque@frequency=15", _check_law, "name of a law")
     second: str = declared("", _check_law, "name of a law")
     history: int = whole(0)
+    reach: float = number(0.0, unit="s", low=0)
+    fine: Pair | None = pair(None, above=0)
+    integral: float = number(0.0, unit="s", low=0)
     memory: float = number(0.0, unit="s", low=0)
-    drive: bool = declared(False, _check_flag, "True or False")
+    drive: bool = declared(False, check_flag, "True or False")
+    arm: bool = declared(False, check_flag, "True or False")
     period: float = number(0.0, unit="s", low=0)
     preview: float = number(0.0, unit="s", low=0, high=100)
     sensors: tuple[str, ...] = choices(SENSORS, SENSORS)
@@ -111,6 +124,7 @@ class AdapterState(NamedTuple):
     """State of an `AgentAdapter`."""
 
     history: Array  # of errors and actions [n x ...]
+    mean: Array  # running mean of the position error [n x 2]
     laws: tuple[State, ...]  # of the laws under the agent
     signals: Array  # errors, and a blend's difference of torques, at the last step [n x ...]
     squares: Array  # running means of the squares of the signals and of their change [n x ...]
@@ -133,9 +147,10 @@ class AgentAdapter:
             raise ValueError(f"not applicable: the agent has sensors of {', '.join(sensors)}, got {', '.join(present)}")
         if settings.action == "torque" and interface.torque_limit is None:
             raise ValueError("not applicable: the agent's actions are shares of torque limits, and there are none")
-        self._errors = ErrorScales(interface, settings.sensors, settings.scales)
+        self._errors = ErrorScales(interface, settings.sensors, settings.scales, settings.fine)
         self._step_size = self._errors.size + 2  # the errors and the action of one earlier step
-        self._drive = drive_numbers(interface) if settings.drive else np.empty(0)
+        drive = drive_numbers(interface) if settings.drive else ()
+        self._sheet = np.array([*drive, *(_arm(interface) if settings.arm else ())])
         self.hold = max(1, round(settings.period / interface.control_dt))
         ahead, reference = settings.previewed(interface.control_dt), interface.layout.reference.reshape(-1, 6)
         if ahead >= len(reference):
@@ -145,9 +160,16 @@ class AgentAdapter:
         self._ahead_scale = np.resize(np.repeat(settings.scales, 2), self._ahead.size)
         self._remembered = 2 * len(settings.sensors) * (settings.memory > 0)
         self._signals = self._remembered + 2 * (settings.memory > 0 and settings.action == "blend")
-        self._weight = interface.control_dt / max(settings.memory, interface.control_dt)
-        self.size = self._errors.size + settings.history * self._step_size + 2 * self._signals
-        self.size += len(self._drive) + len(self._ahead)
+        dt = interface.control_dt
+        self._weight, self._mean_weight = (dt / max(time, dt) for time in (settings.memory, settings.integral))
+        oldest = max(settings.history, round(settings.reach / (dt * self.hold)))
+        ages = np.round(np.geomspace(1, max(1, oldest), settings.history)).astype(int)
+        ages = np.maximum(ages, np.arange(1, settings.history + 1))
+        self._past = (self._step_size * (ages[:, None] - 1) + np.arange(self._step_size)).ravel()
+        self._history = self._step_size * int(ages.max(initial=0))
+        self._means, self._finest = 2 * (settings.integral > 0), (settings.fine or settings.scales)[0]
+        self.size = self._errors.size + len(self._past) + self._means + 2 * self._signals
+        self.size += len(self._sheet) + len(self._ahead)
         self._laws: list[TorqueLaw] = []
         for name in settings.uses:
             law = controllers.make(name, interface)
@@ -158,11 +180,12 @@ class AgentAdapter:
     def initial(self, observation: Array) -> State:
         """Return the state at the start of an episode."""
         n = len(observation)
-        history = np.zeros((n, self.settings.history * self._step_size))
+        history, mean = np.zeros((n, self._history)), np.zeros((n, self._means))
         laws = tuple(law.initial(observation) for law in self._laws)
         signals = np.zeros((n, self._signals))
         signals[:, : self._remembered] = self._errors(observation)[:, : self._remembered]
-        return AdapterState(history, laws, signals, np.tile(signals**2, 2), np.zeros((n, 2)), np.zeros(n, dtype=int))
+        squares, age = np.tile(signals**2, 2), np.zeros(n, dtype=int)
+        return AdapterState(history, mean, laws, signals, squares, np.zeros((n, 2)), age)
 
     def decides(self, state: State) -> Array:
         """Return True for the lanes [n] in which the agent decides now."""
@@ -170,10 +193,11 @@ class AgentAdapter:
 
     def observe(self, observation: Array, state: State) -> Array:
         """Return the agent's observation [n x size] from the environment's."""
-        drive = np.broadcast_to(self._drive, (len(observation), len(self._drive)))
+        sheet = np.broadcast_to(self._sheet, (len(observation), len(self._sheet)))
         squares = 0.25 * np.log(state.squares + LEAST_SQUARE)
         ahead = np.clip((observation[:, self._ahead] - observation[:, self._now]) / self._ahead_scale, -10.0, 10.0)
-        return np.concatenate([self._errors(observation), state.history, squares, drive, ahead], axis=-1)
+        mean, history = np.arcsinh(state.mean / self._finest), state.history[:, self._past]
+        return np.concatenate([self._errors(observation), history, mean, squares, sheet, ahead], axis=-1)
 
     def torque(self, action: Array, observation: Array, state: State) -> tuple[Array, State]:
         """Return the torque [n x 2] N m and the next state.
@@ -189,6 +213,11 @@ class AgentAdapter:
         if self.settings.history:
             later = np.concatenate([errors, action, history[:, : -self._step_size]], axis=-1)
             history = np.where(decides, later, history)
+        mean = state.mean
+        if self._means:
+            layout = self.interface.layout
+            error = observation[:, layout["reference_position"]] - observation[:, layout["position"]]
+            mean = mean + self._mean_weight * (error - mean)
         decided = [law.decide(observation, each) for law, each in zip(self._laws, state.laws, strict=True)]
         torques = [self.interface.saturate(each) for each, _ in decided]
         torque = self._torque(action, observation, torques)
@@ -199,7 +228,7 @@ class AgentAdapter:
             signals = np.concatenate([signals, apart], axis=-1)
         squares = np.concatenate([signals, signals - state.signals], axis=-1) ** 2
         squares = state.squares + self._weight * (squares - state.squares)
-        return torque, AdapterState(history, laws, signals, squares, action, state.age + 1)
+        return torque, AdapterState(history, mean, laws, signals, squares, action, state.age + 1)
 
     def _torque(self, action: Array, observation: Array, torques: list[Array]) -> Array:
         """Return the torque [n x 2] N m of an action over those of the laws, within limits."""
@@ -212,3 +241,17 @@ class AgentAdapter:
         residual = self.settings.residual * (inertia * action[:, None]).sum(axis=-1)
         residual *= np.clip((1.0 - np.abs(torque) / self.interface.torque_scale) / GATE, 0.0, 1.0)
         return self.interface.saturate(torque + residual)
+
+
+def _arm(interface: Interface) -> tuple[float, ...]:
+    """Return what the datasheet states of arm, springs and sensors, as numbers of order one.
+
+    Torques are shares of their limits: those of gravity, of accelerations of 10 rad/s^2, and the
+    one that twists a spring by 10 mrad.
+    """
+    nominal, limit = interface.nominal, interface.torque_scale
+    weight = np.array(nominal.lumped) * (10.0, 10.0, 10.0, 1.0, 1.0) / limit[[0, 0, 1, 0, 1]]
+    rotor = 10.0 * np.array(nominal.rotor or (0.0, 0.0)) / limit
+    twist = np.zeros((2, 2)) if interface.stiffness is None else 100.0 * limit / np.array(interface.stiffness)
+    readings = 1e3 * np.array([*interface.noise_std[0], *interface.resolution])
+    return (*weight, *rotor, *twist.ravel(), *(100.0 * np.array(interface.backlash)), *readings)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from pathlib import Path
 
@@ -10,20 +11,29 @@ from fbl_gym.interface import Interface
 from fbl_gym.records.checks import unknown
 
 SHIPPED = Path(__file__).parent / "shipped"
-"""Folder of the shipped agents: shipped/NAME/TRAINING_SEED."""
+"""Folder of the shipped agents: NAME/TRAINING_SEED, or NAME/CLASS/TRAINING_SEED for each class."""
 
 
 def shipped() -> dict[str, tuple[int, ...]]:
     """Return the training seeds of each shipped agent, by name."""
-    seeds: dict[str, list[int]] = {}
-    for path in sorted(SHIPPED.glob("*/*/agent.json")):
-        seeds.setdefault(path.parent.parent.name, []).append(int(path.parent.name))
+    seeds: dict[str, set[int]] = {}
+    for path in SHIPPED.rglob("agent.json"):
+        seeds.setdefault(path.relative_to(SHIPPED).parts[0], set()).add(int(path.parent.name))
     return {name: tuple(sorted(seeds[name])) for name in sorted(seeds)}
 
 
+def folders(name: str, seed: int) -> list[Path]:
+    """Return the folders of a shipped agent's training seed: one, or one for each class."""
+    return sorted(path.parent for path in (SHIPPED / name).rglob(f"{seed}/agent.json"))
+
+
 def best_seed(name: str) -> int:
-    """Return the training seed of a shipped agent with the smallest validation error."""
-    return min(shipped()[name], key=lambda seed: describe(SHIPPED / name / str(seed))["validation_mrad"])
+    """Return the training seed of a shipped agent with the smallest validation error.
+
+    Of an agent with classes, it is the geometric mean over these.
+    """
+    errors = {k: [describe(each)["validation_mrad"] for each in folders(name, k)] for k in shipped()[name]}
+    return min(errors, key=lambda seed: math.prod(errors[seed]))
 
 
 def folder_factory(folder: Path) -> Callable[..., Agent]:
@@ -37,15 +47,23 @@ def folder_factory(folder: Path) -> Callable[..., Agent]:
 
 def _factory(name: str, summary: str) -> Callable[..., Agent]:
     """Return the factory of a shipped agent; without a seed, of that which validated best."""
-    folders = {seed: SHIPPED / name / str(seed) for seed in shipped()[name]}
+    known = {seed: {path.parent.name: path for path in folders(name, seed)} for seed in shipped()[name]}
 
     def factory(interface: Interface, seed: int | None = None) -> Agent:
-        if seed is not None and seed not in folders:
-            raise unknown("training seed", seed, map(str, folders))
-        return Agent(interface, *read(folders[best_seed(name) if seed is None else seed]))
+        if seed is not None and seed not in known:
+            raise unknown("training seed", seed, map(str, known))
+        of_class = known[best_seed(name) if seed is None else seed]
+        folder = of_class.get(name) or of_class.get(interface.robot_class)
+        if folder is None:
+            robots = ", ".join(of_class)
+            raise ValueError(
+                f"not applicable: {name} was trained for {robots}, got a robot like {interface.robot_class}"
+            )
+        return Agent(interface, *read(folder))
 
     factory.__doc__ = summary
-    return _declare(factory, folders[0], [path for folder in folders.values() for path in files(folder)])
+    every = [path for of_class in known.values() for path in of_class.values()]
+    return _declare(factory, every[0], [path for folder in every for path in files(folder)])
 
 
 def _declare(factory: Callable[..., Agent], folder: Path, data_files: list[Path]) -> Callable[..., Agent]:
@@ -56,9 +74,8 @@ def _declare(factory: Callable[..., Agent], folder: Path, data_files: list[Path]
     return factory
 
 
-ppo_torque = _factory("ppo-torque", "PPO on torques, without memory; trained on everything-2")
+ppo = _factory("ppo", "PPO on torques, without a law; trained for servo")
 ppo_blend = _factory("ppo-blend", "PPO that mixes a careful and a fast setting of LQG; trained for all three classes")
-ppo_memory = _factory("ppo-memory", "PPO on torques that observes its last steps and actions; trained on everything-2")
 sac = _factory("sac", "SAC on torques; trained on everything-2")
 td3 = _factory("td3", "TD3 on torques; trained on everything-2")
 tqc = _factory("tqc", "TQC on torques; trained on everything-2")

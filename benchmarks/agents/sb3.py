@@ -27,8 +27,8 @@ MOTION = ("position", "velocity")
 _SLOTS = (*MOTION, "preview")
 
 _SB3, _CONTRIB = "stable_baselines3", "sb3_contrib"
-ALGORITHMS = {"ppo": _SB3, "sac": _SB3, "td3": _SB3, "tqc": _CONTRIB, "crossq": _CONTRIB}
-"""Algorithms that `fbl-gym train` knows, with the package of their class."""
+ALGORITHMS = {"sac": _SB3, "td3": _SB3, "tqc": _CONTRIB, "crossq": _CONTRIB}
+"""Algorithms that `fbl-gym train` takes from SB3, with the package of their class."""
 
 
 def find_class(algorithm: str) -> Any:

@@ -43,7 +43,7 @@ COMMANDS = {
     "verify": Command("run a stored result again and compare it bit for bit", "cascade-flm/servo-model-error-2"),
     "check-policy": Command("check that a policy keeps every promise of a policy", "my_law.py"),
     "tune": Command("tune a policy's gains on the tuning seeds", "computed-torque --trials 20", "finished trials are kept"),
-    "train": Command("train an agent of stable-baselines3 on the uncertain arm", "ppo --minutes 2",
+    "train": Command("train an agent on the uncertain arm", "ppo --minutes 2",
         "the last checkpoint and the best agent are kept"),
     "curves": Command("compare training runs, grouped over their seeds: table and learning curves",
         "runs/ppo-torque-0 runs/ppo-torque-1 --plot curves.png"),

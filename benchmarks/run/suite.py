@@ -123,7 +123,7 @@ class SuiteSpec:
 SHORT_SEEDS = 8
 """Seeds of a suite's short form."""
 
-NEEDS_ACCELERATION = ("crossq", "ppo-memory", "ppo-torque", "sac", "td3", "tqc")
+NEEDS_ACCELERATION = ("crossq", "sac", "td3", "tqc")
 """Agents that were trained with an accelerometer, which the classes of robots lack."""
 
 OTHER_TASKS = ("computed-torque-ilc", "swing-up")

@@ -10,18 +10,22 @@ from dataclasses import asdict
 from datetime import timedelta
 from importlib import metadata
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple, TypeAlias
 
 import numpy as np
 import torch
-from stable_baselines3.common.base_class import BaseAlgorithm
-from stable_baselines3.common.callbacks import BaseCallback
 
 from benchmarks.agents.agent import write
 from benchmarks.files import replacing, write_text
-from benchmarks.training.export import export
 from benchmarks.training.training_settings import TrainingSettings
 from benchmarks.training.validation import validate
+
+if TYPE_CHECKING:
+    from benchmarks.training.off_policy import OffPolicy
+    from benchmarks.training.ppo import PPO
+
+Learner: TypeAlias = "PPO | OffPolicy"
+"""An algorithm that trains an agent."""
 
 CHECKPOINT = "checkpoint.pt"
 PACKAGES = ("fbl-gym", "gymnasium", "numpy", "torch", "stable-baselines3", "sb3-contrib")
@@ -39,73 +43,59 @@ class Validation(NamedTuple):
     validation_mrad: float
 
 
-class Progress(BaseCallback):
-    """A callback that validates the agent, saves the best one and writes checkpoints.
+class Progress:
+    """The progress of a run: it validates the agent, saves the best one and writes checkpoints.
 
     Attributes:
         curve: the validations so far.
     """
 
     def __init__(self, settings: TrainingSettings, folder: Path, command: str, evaluations: int) -> None:
-        super().__init__()
         self.settings, self.folder, self.command, self.evaluations = settings, folder, command, evaluations
         self.curve: list[Validation] = []
         self._wall_begin, self._cpu_begin = time.monotonic(), time.process_time()
         self._next_validation = 0.0
 
-    @property
-    def fraction(self) -> float:
-        """Finished fraction of the run, in [0, 1]."""
+    def fraction(self, steps: int) -> float:
+        """Return the finished fraction of the run after some steps, in [0, 1]."""
         if self.settings.minutes is not None:
             return min(1.0, (time.process_time() - self._cpu_begin) / (60 * self.settings.minutes))
-        return min(1.0, self.num_timesteps / self.settings.steps)  # type: ignore[operator]
+        return min(1.0, steps / self.settings.steps)  # type: ignore[operator]
 
-    def resume(self, model: BaseAlgorithm) -> None:
-        """Load the checkpoint into a new model. It is plain data: loading it runs no code."""
+    def resume(self, learner: Learner) -> None:
+        """Load the checkpoint into a new learner. It is plain data: loading it runs no code."""
         saved = torch.load(self.folder / CHECKPOINT, weights_only=True)
-        model.set_parameters(saved["parameters"])
-        for name, tensor in _tensors(model).items():
-            tensor.data.copy_(saved["tensors"][name])
-        if buffer := getattr(model, "replay_buffer", None):
-            buffer.pos, buffer.full = saved["position"]
+        learner.load(saved["learner"])
         self.curve = [Validation(*row) for row in saved["curve"]]
         last = self.curve[-1]
-        self.num_timesteps = model.num_timesteps = last.steps
-        model._n_updates = saved["updates"]
         self._wall_begin -= last.wall_s
         self._cpu_begin -= last.cpu_s
-        self._next_validation = self.fraction + 1 / self.evaluations
+        self._next_validation = self.fraction(learner.steps) + 1 / self.evaluations
 
-    def _on_step(self) -> bool:
-        return self.settings.minutes is None or self.fraction < 1.0
-
-    def _on_rollout_start(self) -> None:
-        if (fraction := self.fraction) >= self._next_validation:
+    def check(self, learner: Learner) -> None:
+        """Pause if a validation is due."""
+        if (fraction := self.fraction(learner.steps)) >= self._next_validation:
             self._next_validation = fraction + 1 / self.evaluations
-            self._pause(fraction)
+            self.pause(learner, fraction)
 
-    def _on_training_end(self) -> None:
-        self._pause(1.0)
-
-    def _pause(self, fraction: float) -> None:
+    def pause(self, learner: Learner, fraction: float = 1.0) -> None:
         """Validate the agent, save the best one, and write the curve and a checkpoint."""
         begin, wall = time.process_time(), time.monotonic() - self._wall_begin
-        adapter, tasks, actor = self.settings.adapter, self.settings.scenarios, export(self.model)
+        adapter, tasks, actor = self.settings.adapter, self.settings.scenarios, learner.actor()
         for law in () if self.curve else adapter.uses:
             print(f"{law} alone: validation {validate(adapter, law, tasks):.3f} mrad", file=sys.stderr)
         error, best = validate(adapter, actor, tasks), min((row.validation_mrad for row in self.curve), default=np.inf)
         seconds = round(wall, 2), round(begin - self._cpu_begin, 2)
-        self.curve.append(Validation(self.num_timesteps, *seconds, round(error, 4)))
+        self.curve.append(Validation(learner.steps, *seconds, round(error, 4)))
         if error < best:
             write(self.folder, actor, self._description())
         lines = [",".join(map(str, row)) for row in (Validation._fields, *self.curve)]
         write_text(self.folder / "curve.csv", "\n".join(lines) + "\n")
         with replacing(self.folder / CHECKPOINT) as beside:
-            torch.save(self._checkpoint(), beside)
-        self.logger.record("validation/rms_mrad", error)
+            torch.save({"curve": [tuple(row) for row in self.curve], "learner": learner.state()}, beside)
         left = f", {timedelta(seconds=int(wall * (1 - fraction) / fraction))} left" if fraction > 0 else ""
         print(
-            f"{100 * fraction:3.0f} %  {self.num_timesteps:>11,} steps  validation {error:8.3f} mrad  "
+            f"{100 * fraction:3.0f} %  {learner.steps:>11,} steps  validation {error:8.3f} mrad  "
             f"best {min(error, best):8.3f} mrad{left}",
             file=sys.stderr,
         )
@@ -127,21 +117,3 @@ class Progress(BaseCallback):
             "machine": f"{platform.machine()} {platform.system()}, {torch.get_num_threads()} of {os.cpu_count()} cores",
             "licence": "MIT",
         }
-
-    def _checkpoint(self) -> dict[str, Any]:
-        buffer = getattr(self.model, "replay_buffer", None)
-        return {
-            "curve": [tuple(row) for row in self.curve],
-            "parameters": self.model.get_parameters(),
-            "tensors": _tensors(self.model),
-            "position": (buffer.pos, buffer.full) if buffer else None,
-            "updates": self.model._n_updates,
-        }
-
-
-def _tensors(model: BaseAlgorithm) -> dict[str, torch.Tensor]:
-    """Return the tensors of a model that are no parameters: SAC's entropy and the replay buffer."""
-    tensors = {name: getattr(model, name) for name in model._get_torch_save_params()[1]}
-    arrays = vars(getattr(model, "replay_buffer", None) or object)
-    arrays = {name: torch.from_numpy(array) for name, array in arrays.items() if isinstance(array, np.ndarray)}
-    return {**tensors, **arrays}

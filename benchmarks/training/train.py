@@ -1,16 +1,15 @@
-"""Training of an agent with stable-baselines3, `fbl-gym train`.
+"""Training of an agent, `fbl-gym train`.
 
 A run writes to its folder:
 
     agent.json, weights.npz  the agent with the smallest validation error so far
     curve.csv                  the learning curve
     run.json, checkpoint.pt    settings and state, from which a stopped run goes on
-    tensorboard/               logs
+    tensorboard/               logs of stable-baselines3
 """
 
 from __future__ import annotations
 
-import copy
 import json
 import sys
 from dataclasses import asdict
@@ -19,10 +18,11 @@ from typing import Any
 
 from filelock import FileLock, Timeout
 
-from benchmarks.agents.sb3 import find_class
 from benchmarks.files import write_text
 from benchmarks.text import reason_of
-from benchmarks.training.progress import CHECKPOINT, Progress
+from benchmarks.training.off_policy import OffPolicy
+from benchmarks.training.ppo import PPO
+from benchmarks.training.progress import CHECKPOINT, Learner, Progress
 from benchmarks.training.training_settings import TrainingSettings, training_seeds
 from benchmarks.training.vec_env import ArmVecEnv, VectorAdapter
 from fbl_gym.envs.vector_env import TwoLinkArmVectorEnv
@@ -61,33 +61,31 @@ def _train(settings: TrainingSettings, folder: Path, command: str, evaluations: 
     lanes, ahead, reward = settings.lanes, settings.adapter.previewed, settings.hyperparameters.get("reward")
     arms = [
         TwoLinkArmVectorEnv(lanes, x, autoreset_mode="SameStep", preview=ahead(x.control_dt), reward=reward)
-        for x in settings.scenarios
+        for x in settings.practice
     ]
-    env = ArmVecEnv(*(VectorAdapter(arm, settings.adapter) for arm in arms))
+    envs = [VectorAdapter(arm, settings.adapter) for arm in arms]
     progress = Progress(settings, folder, command, evaluations)
-    algorithm = find_class(settings.algorithm)
-    arguments = copy.deepcopy(settings.hyperparameters["arguments"])  # SB3 adds to dicts in it
-    begin = arguments["learning_rate"]
-    # SB3's own measure of progress does not know `minutes`.
-    arguments["learning_rate"] = lambda _: begin * (1.0 - progress.fraction)
-    logs = str(folder / "tensorboard")
     try:
-        model = algorithm("MlpPolicy", env, seed=first, device="cpu", tensorboard_log=logs, **arguments)
+        arguments, logs = settings.hyperparameters["arguments"], str(folder / "tensorboard")
+        learner: Learner = (
+            PPO(envs, first, **arguments)
+            if settings.algorithm == "ppo"
+            else OffPolicy(settings.algorithm, ArmVecEnv(*envs), first, logs, arguments, progress)
+        )
     except Exception as problem:  # SB3 checks some arguments, torch some, and neither others
-        raise ValueError(f"hyperparameters.arguments must fit {algorithm.__name__}: {reason_of(problem)}") from None
+        reason = f"hyperparameters.arguments must fit {settings.algorithm}: {reason_of(problem)}"
+        raise ValueError(reason) from None
     write_text(run_file, text)
     if began:
         try:
-            progress.resume(model)
+            progress.resume(learner)
         except Exception as problem:  # of torch, pickle, zipfile or SB3
             raise ValueError(f"{folder} cannot be resumed ({reason_of(problem)}); give another --out") from None
-        for _ in range(model.num_timesteps // (env.num_envs * settings.scenarios[0].steps)):
-            env.reset()  # skip the episodes that the run has trained on
-    remaining = (settings.steps or sys.maxsize) - model.num_timesteps
-    if remaining > 0:
-        model.learn(remaining, callback=progress, reset_num_timesteps=False, tb_log_name="run")
+    if progress.fraction(learner.steps) < 1.0:
+        learner.learn(progress)
+        progress.pause(learner)
     else:
-        print(f"the run has {model.num_timesteps:,} steps already; more --steps extend it", file=sys.stderr)
+        print(f"the run has {learner.steps:,} steps already; more --steps extend it", file=sys.stderr)
 
 
 def _without_length(text: str) -> dict[str, Any] | None:

@@ -8,14 +8,23 @@ from dataclasses import MISSING, dataclass, field
 from pathlib import Path
 from typing import Any
 
-from benchmarks.agents.adapter import AdapterSettings
-from benchmarks.agents.sb3 import ALGORITHMS
+from benchmarks.agents import sb3
+from benchmarks.agents.adapter import AdapterSettings, check_flag
 from benchmarks.seeds import SPLITS
 from fbl_gym import scenarios
-from fbl_gym.options import Reward
+from fbl_gym.options import FilteredSteps, FourierReference, Reward
 from fbl_gym.records.checks import check_number, check_whole
-from fbl_gym.records.record import Record, build, choice, number, set_fields, whole
+from fbl_gym.records.record import Record, build, choice, declared, number, set_fields, whole
 from fbl_gym.scenarios import Scenario
+
+ALGORITHMS = ("ppo", *sb3.ALGORITHMS)
+"""Algorithms that `fbl-gym train` knows: one of this package, and those of stable-baselines3."""
+
+MOTIONS = (FourierReference(amplitude=(0.8, 1.0), frequency=0.1, harmonics=3), FilteredSteps(period=1.7, bandwidth=4.0))
+"""Motions to train on beside those of the scenarios: a slow one, and moves with rests."""
+
+START = {"initial_error": {"uniform": (-0.2, 0.2)}, "initial_velocity": {"uniform": (-1.0, 1.0)}}
+"""Starts with these motions, so far off that the agent learns to come back."""
 
 SEEDS_PER_RUN = 1000
 """Number of episode seeds that each training seed has, one for each lane of a scenario."""
@@ -29,9 +38,11 @@ class TrainingSettings(Record):
     """The settings of a training run. Two runs with equal settings learn the same.
 
     Args:
-        algorithm: one of `benchmarks.agents.sb3.ALGORITHMS`.
+        algorithm: one of `ALGORITHMS`.
         adapter: observations and actions of the agent.
         scenarios: for training, side by side, and for validation with other seeds.
+        moves: True if the agent trains on the scenarios, in turn, with their own motion and with
+            those of `MOTIONS`.
         seed: of the training.
         steps: of all lanes together; None: those of the hyperparameters, if `minutes` is None too.
         minutes: processor time of the training, without validations; such a run does not repeat
@@ -43,6 +54,7 @@ class TrainingSettings(Record):
     algorithm: str = choice(MISSING, ALGORITHMS)
     adapter: AdapterSettings = field(default_factory=AdapterSettings)
     scenarios: tuple[Scenario, ...] = field(default_factory=lambda: (scenarios.get("everything-2"),))
+    moves: bool = declared(False, check_flag, "True or False")
     seed: int = whole(0)
     steps: int | None = whole(None, low=1)
     minutes: float | None = number(None, unit="min", above=0)
@@ -52,8 +64,7 @@ class TrainingSettings(Record):
         """Fill in the shipped hyperparameters and the number of steps."""
         most = SEEDS_PER_RUN * len(self.scenarios)  # more lanes would have the seeds of the next run
         if not self.hyperparameters:
-            kind = "blend" if self.adapter.action == "blend" else "several" if len(self.scenarios) > 1 else ""
-            shipped = shipped_hyperparameters(self.algorithm, kind)
+            shipped = shipped_hyperparameters(self.algorithm, self.adapter.action)
             set_fields(self, hyperparameters={**shipped, "lanes": min(shipped["lanes"], most)})
         training_seeds(self.seed)
         for scenario in self.scenarios:
@@ -62,6 +73,17 @@ class TrainingSettings(Record):
         check_hyperparameters(self.hyperparameters, most)
         if self.minutes is None and self.steps is None:
             set_fields(self, steps=self.hyperparameters["steps"])
+
+    @property
+    def practice(self) -> list[Scenario]:
+        """Return the scenarios with the motions to train on."""
+        if not self.moves:
+            return [*self.scenarios]
+        motions = (None, *MOTIONS)
+        return [
+            task.replace(reference=motions[i % len(motions)] or task.reference, **START)
+            for i, task in enumerate(self.scenarios)
+        ]
 
     @property
     def lanes(self) -> int:
@@ -89,13 +111,7 @@ def check_hyperparameters(given: Any, most_lanes: int) -> None:
     check_number("hyperparameters.arguments.learning_rate", arguments["learning_rate"], above=0)
 
 
-def shipped_hyperparameters(algorithm: str, kind: str = "") -> dict[str, Any]:
-    """Return the hyperparameters of an algorithm from `hyperparameters.json`.
-
-    Args:
-        algorithm: its name.
-        kind: "several" for training on several scenarios and "blend" for blends, for which an
-            algorithm may have others.
-    """
+def shipped_hyperparameters(algorithm: str, action: str = "") -> dict[str, Any]:
+    """Return the hyperparameters of an algorithm, or those for a kind of action if it has some."""
     shipped = json.loads(Path(__file__).with_name("hyperparameters.json").read_text())
-    return shipped.get(f"{algorithm}-{kind}", shipped[algorithm])
+    return shipped.get(f"{algorithm}-{action}", shipped[algorithm])

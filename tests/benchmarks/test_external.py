@@ -414,7 +414,7 @@ FILES = {
     "works_law.py": "from controllers.laws.simple import Zero as make_policy\n",
     "theirs-1.0.dist-info/METADATA": "Metadata-Version: 2.1\nName: theirs\nVersion: 1.0\n",
     "theirs-1.0.dist-info/entry_points.txt": "[fbl_gym.policies]\nbroken = broken_law:make_policy\n"
-    "works = works_law:make_policy\nppo-torque = works_law:make_policy\n",
+    "works = works_law:make_policy\ntd3 = works_law:make_policy\n",
 }
 
 
@@ -430,7 +430,7 @@ def test_a_broken_plugin_is_named_and_the_rest_works(tmp_path):
     lines = {line.split()[0]: line for line in fbl_gym("list policies").stdout.splitlines()}
     assert "cannot be loaded: ImportError: my dependency is missing" in lines["broken"]
     assert "access: none" in lines["works"]
-    assert "trained on everything-2" in lines["ppo-torque"]
+    assert "trained on everything-2" in lines["td3"]
     board = fbl_gym("leaderboard --policies zero broken works --scenarios nominal --seeds 1 --workers 1")
     assert "Left out: broken: ImportError: my dependency is missing" in board.stdout
     assert " works " in board.stdout

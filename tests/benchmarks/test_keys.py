@@ -46,8 +46,8 @@ def test_the_key_follows_policy_scenario_and_seeds():
 
 
 def test_the_key_of_a_training_seed_follows_its_own_weights():
-    folders = {name: {Path(file).parent.name for file in resolve(name).data} for name in ("ppo-memory@1", "ppo-memory")}
-    assert folders == {"ppo-memory@1": {"1"}, "ppo-memory": {"0", "1", "2"}}
+    folders = {name: {Path(file).parent.name for file in resolve(name).data} for name in ("ppo-blend@1", "ppo-blend")}
+    assert folders == {"ppo-blend@1": {"1"}, "ppo-blend": set("01234")}
 
 
 def test_the_key_follows_the_bytes_of_an_external_policy(tmp_path):

@@ -66,7 +66,7 @@ def test_a_name_of_an_unknown_form_is_refused():
             resolve(PolicyName(form, "os"))
     for text in (
         "pid-flm+kalman@tuned@kp=0.5x",
-        "ppo-memory@2",
+        "ppo-blend@2",
         "a/b.py:Law+eso@K=3@my_gains",
         "m.n:f@K=1,2",
         "./runs/a@b",
@@ -168,8 +168,8 @@ def test_gains_hide_no_code_that_needs_trust():
         ("law.py@law.json", "law.json must be JSON with numbers"),
         ("pid-flm@kp=x", "must be such as kp=25, kp=25,30 for the two joints, or kp=0.5x for half the tuned or default"),
         ("pid-flm@kp=1,2,3", "must be such as kp=25, .* got 'kp=1,2,3'"),
-        ("ppo-memory@seed=2x", "seed must be a number, since there is no tuned or default one, got 2x"),
-        ("ppo-memory@kp=3", "unknown argument of ppo-memory 'kp'"),
+        ("ppo-blend@seed=2x", "seed must be a number, since there is no tuned or default one, got 2x"),
+        ("ppo-blend@kp=3", "unknown argument of ppo-blend 'kp'"),
     ],
 )  # fmt: skip
 def test_wrong_gains_are_refused(text, message, folder):

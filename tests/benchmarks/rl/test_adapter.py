@@ -90,6 +90,40 @@ def test_history_holds_the_errors_and_actions_of_the_last_steps():
     assert np.any(infos["final_obs"][0][12:] != 0)
 
 
+def test_an_agent_observes_compressed_errors_their_mean_and_steps_ever_further_back():
+    plain = AdapterSettings(sensors=MOTION)
+    settings = AdapterSettings(sensors=MOTION, fine=(0.005, 0.05), integral=0.04, history=3, reach=0.08)
+    envs = [
+        VectorAdapter(TwoLinkArmVectorEnv(2, "servo-practice-nominal", autoreset_mode="SameStep"), each)
+        for each in (plain, settings)
+    ]
+    rows = [[env.reset(seed=1)[0]] for env in envs]
+    rng, actions, mean = np.random.default_rng(0), [], np.zeros((2, 2))
+    for _ in range(9):
+        mean = 0.75 * mean + 0.25 * rows[0][-1][:, :2]
+        actions.append(rng.uniform(-1, 1, (2, 2)))
+        for env, each in zip(envs, rows, strict=True):
+            each.append(env.step(actions[-1])[0])
+    errors = [np.concatenate([np.arcsinh(20 * row[:, :4]), row[:, 4:]], axis=1) for row in rows[0]]
+    past = [part for age in (1, 3, 8) for part in (errors[9 - age], actions[9 - age])]
+    expected = np.concatenate([errors[9], *past, np.arcsinh(20 * mean)], axis=1)
+    np.testing.assert_allclose(rows[1][-1], expected, rtol=1e-12, atol=1e-12)
+
+
+def test_an_agent_observes_the_datasheet_of_arm_springs_and_sensors():
+    for scenario, springs in (("servo-practice-elastic-3", True), ("servo-practice-noise-3", False)):
+        env = TwoLinkArmEnv(scenario)
+        adapter = AgentAdapter(AdapterSettings(sensors=MOTION, arm=True), env.interface)
+        observation = env.reset(seed=0)[0][None]
+        seen = adapter.observe(observation, adapter.initial(observation))[0, 10:]
+        interface, limit = env.interface, np.array(env.interface.torque_limit)
+        np.testing.assert_allclose(
+            seen[3:7], [*interface.nominal.lumped[3:] / limit, *10 * np.array(interface.nominal.rotor) / limit]
+        )
+        assert np.all(seen[7:11] > 0) == springs
+        np.testing.assert_allclose(seen[13:], 1e3 * np.array([*interface.noise_std[0], *interface.resolution]))
+
+
 @pytest.mark.parametrize(
     ("settings", "message"),
     [

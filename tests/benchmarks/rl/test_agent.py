@@ -12,7 +12,7 @@ from benchmarks.agents import policy
 from benchmarks.agents.adapter import AdapterSettings
 from benchmarks.agents.agent import Agent, describe, files, read, write
 from benchmarks.agents.network import Actor
-from benchmarks.agents.policy import SHIPPED, best_seed, shipped
+from benchmarks.agents.policy import SHIPPED, best_seed, folders, shipped
 from benchmarks.training.validation import validate
 from fbl_gym import Scenario, TwoLinkArmEnv, scenarios
 from tests.benchmarks.rl.agents import random_actor
@@ -110,7 +110,7 @@ def test_a_lane_has_the_same_bits_alone_and_in_a_batch():
         (lambda: network()(np.zeros((1, 12))), "observation must have 13 entries for this network, got 12"),
         (lambda: Actor((), "tan", "clip"), "unknown activation 'tan'; did you mean 'tanh'"),
         (lambda: Actor((), "tanh", "clipped"), "unknown output 'clipped'; did you mean 'clip'"),
-        (lambda: policy.ppo_torque(TwoLinkArmEnv().interface, seed=9), "unknown training seed 9"),
+        (lambda: policy.td3(TwoLinkArmEnv().interface, seed=9), "unknown training seed 9"),
     ],
 )
 def test_a_wrong_argument_is_named(make, message):
@@ -134,23 +134,31 @@ SLOW = ("ppo-blend",)
 
 @pytest.mark.parametrize("name", [pytest.param(n, marks=[pytest.mark.slow] * (n in SLOW)) for n in shipped()])
 def test_an_agent_has_the_validation_error_of_its_description(name):
-    """Within 2 %: `ppo-memory` tracks so closely that last bits decide whether joints stick, in 6 of the 16 runs."""
-    description = describe(SHIPPED / name / str(best_seed(name)))
-    each = tuple(map(scenarios.get, description.get("scenarios", ()))) or (Scenario.from_dict(description["scenario"]),)
-    error = validate(*read(SHIPPED / name / str(best_seed(name))), each)
-    assert error == pytest.approx(description["validation_mrad"], rel=0.02)
-    assert description["command"].startswith("fbl-gym train")
-    assert description["licence"] == "MIT"
-    assert {"steps", "wall_s", "packages", "hyperparameters", "seed"} <= set(description)
+    for folder in folders(name, best_seed(name)):
+        given = describe(folder)
+        each = tuple(map(scenarios.get, given.get("scenarios", ()))) or (Scenario.from_dict(given["scenario"]),)
+        assert validate(*read(folder), each) == pytest.approx(given["validation_mrad"], rel=0.02)
+        assert given["command"].startswith("fbl-gym train")
+        assert given["licence"] == "MIT"
+        assert {"steps", "wall_s", "packages", "hyperparameters", "seed"} <= set(given)
+
+
+def test_an_agent_of_classes_is_that_of_the_robots_class():
+    (folder,) = folders("ppo", best_seed("ppo"))
+    assert folder.parent.name == "servo"
+    assert policy.ppo(TwoLinkArmEnv("servo-nominal").interface).settings == read(folder)[0]
+    with pytest.raises(ValueError, match="not applicable: ppo was trained for servo, got a robot like geared"):
+        policy.ppo(TwoLinkArmEnv("geared-nominal").interface)
 
 
 @pytest.mark.parametrize("name", shipped())
 def test_the_model_card_of_an_agent_has_the_numbers_of_its_description(name):
     page = (Path(__file__).parents[3] / "docs" / "reference" / "agents.md").read_text(encoding="utf-8")
     card = page.partition(f"\n## {name}\n")[2].partition("\n## ")[0]
-    agents = {seed: describe(SHIPPED / name / str(seed)) for seed in shipped()[name]}
+    places = {seed: folders(name, seed)[0] for seed in shipped()[name]}
+    agents = {seed: describe(place) for seed, place in places.items()}
     for seed, agent in agents.items():
-        rows = (SHIPPED / name / str(seed) / "curve.csv").read_text(encoding="utf-8").splitlines()[1:]
+        rows = (places[seed] / "curve.csv").read_text(encoding="utf-8").splitlines()[1:]
         assert min(rows, key=lambda row: float(row.split(",")[-1])).split(",")[0] == str(agent["steps"])
     best = agents[best_seed(name)]
     steps = ", ".join(f"{agent['steps']:,} (seed {seed})" for seed, agent in agents.items())

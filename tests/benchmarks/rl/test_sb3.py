@@ -20,7 +20,7 @@ from benchmarks.agents.adapter import AdapterSettings
 from benchmarks.agents.sb3 import ALGORITHMS, find_class, load_zip, statistics
 from benchmarks.policies.loading import Untrusted
 from benchmarks.policies.spec import resolve
-from benchmarks.training.export import export
+from benchmarks.training.off_policy import export
 from benchmarks.training.vec_env import ArmVecEnv, VectorAdapter
 from fbl_gym import TwoLinkArmEnv, TwoLinkArmTrackingEnv, TwoLinkArmVectorEnv
 from tests.controllers.closed_loop import broken_promises
@@ -223,7 +223,7 @@ def test_an_archive_of_an_unknown_algorithm_is_refused(tmp_path, monkeypatch):
         load_zip(path, TwoLinkArmEnv().interface, trust=True)
 
 
-@pytest.mark.parametrize("name", ["ppo-torque", "oracle-flm"])
+@pytest.mark.parametrize("name", ["td3", "oracle-flm"])
 def test_sb3_evaluates_a_policy(name):
     env = Monitor(gymnasium.make("fbl_gym/TwoLinkArm-v0", scenario="everything-2", duration=1.0))
     reward, _ = evaluate_policy(controllers.make(name, env), env, n_eval_episodes=2)
@@ -255,8 +255,7 @@ def test_the_exported_actor_acts_like_sb3s(algorithm):
     if ALGORITHMS[algorithm].startswith("sb3_contrib"):
         pytest.importorskip("sb3_contrib")
     arms = TwoLinkArmVectorEnv(2, "everything-2", autoreset_mode="SameStep")
-    options = {"n_steps": 16, "batch_size": 16} if algorithm == "ppo" else OFF_POLICY.copy()
-    options |= {"seed": 0, "device": "cpu", "learning_rate": 0.01, "policy_kwargs": {"net_arch": [16, 16]}}
+    options = {**OFF_POLICY, "seed": 0, "device": "cpu", "learning_rate": 0.01, "policy_kwargs": {"net_arch": [16, 16]}}
     model = find_class(algorithm)("MlpPolicy", ArmVecEnv(VectorAdapter(arms, AdapterSettings())), **options)
     model.learn(64)
     observations = np.random.default_rng(0).uniform(-2, 2, (200, 12)).astype(np.float32)

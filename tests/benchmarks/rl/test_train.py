@@ -13,22 +13,30 @@ from filelock import FileLock
 
 from benchmarks.agents.adapter import AdapterSettings
 from benchmarks.agents.agent import Agent, describe, read
-from benchmarks.agents.sb3 import ALGORITHMS
 from benchmarks.run.metrics import measure
 from benchmarks.run.rollout import rollout
+from benchmarks.training.ppo import PPO, _Arms
 from benchmarks.training.progress import Progress
 from benchmarks.training.train import train
-from benchmarks.training.training_settings import LEAST_LANES, SEEDS_PER_RUN, TrainingSettings, shipped_hyperparameters
+from benchmarks.training.training_settings import (
+    ALGORITHMS,
+    LEAST_LANES,
+    MOTIONS,
+    SEEDS_PER_RUN,
+    TrainingSettings,
+    shipped_hyperparameters,
+)  # fmt: skip
 from benchmarks.training.validation import VALIDATION, tracking_error, validate
+from benchmarks.training.vec_env import VectorAdapter
 from fbl_gym import TwoLinkArmVectorEnv, scenarios
 
 SCENARIO = scenarios.get("everything-2").replace(duration=0.2)
-PPO = {"lanes": 4, "steps": 640, "arguments": {"n_steps": 20, "batch_size": 40, "learning_rate": 1e-3}}
+ON_POLICY = {"lanes": 4, "steps": 640, "arguments": {"n_steps": 20, "batch_size": 40, "learning_rate": 1e-3}}
 OFF_POLICY = {"lanes": 4, "steps": 200, "arguments": {"learning_starts": 20, "buffer_size": 300, "learning_rate": 1e-3}}
 
 
 def settings(algorithm="ppo", **changes):
-    hyperparameters = PPO if algorithm == "ppo" else OFF_POLICY
+    hyperparameters = ON_POLICY if algorithm == "ppo" else OFF_POLICY
     options = {"algorithm": algorithm, "scenarios": (SCENARIO,), "hyperparameters": hyperparameters, **changes}
     return TrainingSettings(**options)
 
@@ -44,7 +52,7 @@ def test_a_run_writes_the_agent_that_it_validated(algorithm, tmp_path):
     description, points = describe(tmp_path), curve(tmp_path)
     assert description["command"] == "fbl-gym train"
     assert description["packages"]["stable-baselines3"]
-    assert list((tmp_path / "tensorboard").rglob("events.*"))
+    assert bool(list(tmp_path.rglob("events.*"))) == (algorithm != "ppo")
     assert description["scenario"] == SCENARIO.to_dict()
     assert points[-1][0] == settings(algorithm).steps
     assert description["validation_mrad"] == min(error for _, error in points)
@@ -80,12 +88,49 @@ def test_the_validation_of_several_scenarios_is_that_of_a_board(tmp_path):
 
 def test_each_scenario_has_enough_lanes_and_a_seed_for_each():
     each = tuple(map(scenarios.get, scenarios.in_tier("servo-practice", (3,))))
-    assert TrainingSettings("ppo", scenarios=each).lanes == LEAST_LANES != TrainingSettings("ppo").lanes
+    assert TrainingSettings("sac", scenarios=each).lanes == LEAST_LANES == TrainingSettings("sac").lanes
+    assert TrainingSettings("ppo", scenarios=each).lanes == TrainingSettings("ppo").lanes // len(each)
     blend = AdapterSettings("blend", second="lqg")
     assert TrainingSettings("ppo", blend, each[:10]).lanes == shipped_hyperparameters("ppo", "blend")["lanes"] // 10
     assert TrainingSettings("ppo", blend).lanes == SEEDS_PER_RUN
     with pytest.raises(ValueError, match="not above 2000, got 2001"):
         TrainingSettings("ppo", scenarios=each[:2], hyperparameters=shipped_hyperparameters("ppo") | {"lanes": 2001})
+
+
+def test_a_run_trains_on_the_motions_of_its_scenarios_and_on_others_that_no_board_has():
+    tasks = tuple(map(scenarios.get, scenarios.in_tier("servo-practice", (1, 3))))
+    assert TrainingSettings("ppo", scenarios=tasks).practice == [*tasks]
+    practice = TrainingSettings("ppo", scenarios=tasks, moves=True).practice
+    assert [task.reference for task in practice[:3]] == [tasks[0].reference, *MOTIONS]
+    assert {task.reference for task in practice} == {*(task.reference for task in tasks), *MOTIONS}
+    assert not any(map(scenarios.held_out_reason, practice))
+
+
+def test_the_value_sees_the_real_arm_and_the_agent_does_not():
+    arms = TwoLinkArmVectorEnv(3, "servo-practice-everything-3", autoreset_mode="SameStep", duration=0.05)
+    env = VectorAdapter(arms, AdapterSettings(sensors=("position", "velocity")))
+    learner = PPO([env], 0, learning_rate=1e-3)
+    model, x = learner._model, learner._now
+    model.watch(x + torch.randn(100, *x.shape).mul(0.1).flatten(0, 1)[: len(x)])
+    other = torch.cat([x[:, : learner._arms.observed], torch.randn(3, x.shape[1] - learner._arms.observed)], dim=1)
+    with torch.no_grad():
+        (policy, value), (same, another) = model(x), model(other)
+    assert torch.equal(policy.mean, same.mean)
+    assert not torch.equal(value, another)
+    acted = learner.actor()(x[:, : learner._arms.observed].numpy().astype(float))
+    np.testing.assert_allclose(acted, policy.mean.clamp(-1, 1), atol=1e-5)
+    delay = 20 * arms.truth.delay
+    np.testing.assert_allclose(x[:, learner._arms.observed + 10], delay, rtol=1e-6)
+
+
+def test_an_episode_that_time_ends_has_its_last_observation():
+    arms = TwoLinkArmVectorEnv(2, "servo-practice-nominal", autoreset_mode="SameStep", duration=0.03)
+    lanes = _Arms([VectorAdapter(arms, AdapterSettings(sensors=("position", "velocity")))])
+    lanes.reset(0)
+    seen, _, _, cut, last = zip(*(lanes.step(np.full((2, 2), 0.1, np.float32)) for _ in range(3)), strict=True)
+    assert [each.tolist() for each in cut] == [[False] * 2, [False] * 2, [True] * 2]
+    same = [torch.equal(*(x[:, : lanes.observed] for x in pair)) for pair in zip(seen, last, strict=True)]
+    assert same == [True, True, False]
 
 
 def test_a_run_repeats_and_its_seed_matters(tmp_path):
@@ -101,7 +146,7 @@ def test_a_run_repeats_and_its_seed_matters(tmp_path):
 def test_the_reward_of_the_hyperparameters_is_the_environments(tmp_path):
     curves = []
     for name, reward in (("a", {}), ("b", {"reward": {"resolution": 1e-3}}), ("c", {"reward": {"resolution": 1e-4}})):
-        train(settings(hyperparameters=PPO | reward), tmp_path / name, evaluations=1)
+        train(settings(hyperparameters=ON_POLICY | reward), tmp_path / name, evaluations=1)
         curves.append(curve(tmp_path / name))
     assert curves[0] == curves[1] != curves[2]
 
@@ -115,17 +160,16 @@ def test_a_stopped_run_goes_on(algorithm, tmp_path, monkeypatch):
         train(settings(algorithm), tmp_path, evaluations=4)
     before, stopped_at = curve(tmp_path), curve(tmp_path)[-1][0]
     monkeypatch.undo()
-    resumed = []
-    monkeypatch.setattr(Progress, "_on_training_start", lambda self: resumed.append(copy.deepcopy(self._checkpoint())))
-    saved = torch.load(tmp_path / "checkpoint.pt", weights_only=True)
+    saved, resumed = torch.load(tmp_path / "checkpoint.pt", weights_only=True)["learner"], []
+    learn = Progress.resume
+    monkeypatch.setattr(
+        Progress, "resume", lambda self, learner: (learn(self, learner), resumed.append(copy.deepcopy(learner.state())))
+    )
     train(settings(algorithm), tmp_path, evaluations=4)
-    for part, learned in ((part, part["parameters"]) for part in (saved, resumed[0])):
-        part["parameters"] = {name: values.get("state", values) for name, values in learned.items()}
-    for name, values in saved.items():
-        if name in ("parameters", "tensors"):
-            torch.testing.assert_close(resumed[0][name], values, rtol=0, atol=0)
-        else:
-            assert resumed[0][name] == values
+    for part in (saved, resumed[0]):
+        for name, values in part.pop("parameters", {}).items():
+            part[name] = values.get("state", values)
+    torch.testing.assert_close(resumed[0], saved, rtol=0, atol=0)
     after = curve(tmp_path)
     assert after[:2] == before
     assert after[-1][0] == settings(algorithm).steps > stopped_at
@@ -194,7 +238,7 @@ def test_shipped_hyperparameters_state_their_tuning(algorithm):
         ({"seed": -1}, "seed must be a whole number not below 0, got -1"),
         ({"seed": 99999999}, "seed must be 0 to 2146482, since each has 1000 training seeds, got 99999999"),
         ({"steps": 0}, "steps must be a whole number not below 1, got 0"),
-        ({"hyperparameters": PPO | {"reward": {"power": 2}}}, "unknown field of hyperparameters.reward 'power'"),
+        ({"hyperparameters": ON_POLICY | {"reward": {"power": 2}}}, "unknown field of hyperparameters.reward 'power'"),
         ({"minutes": 0}, "minutes must be a finite number greater than 0, got 0"),
         ({"scenarios": (scenarios.get("servo-lag-2"),)}, r"scenario must be one to train on.*servo-lag-2"),
     ],
@@ -205,7 +249,7 @@ def test_wrong_settings_are_refused(changes, message):
 
 
 def test_settings_without_a_length_take_the_steps_of_the_hyperparameters():
-    assert settings().steps == PPO["steps"]
+    assert settings().steps == ON_POLICY["steps"]
     assert settings(minutes=1.0).steps is None
     assert TrainingSettings("ppo").steps == shipped_hyperparameters("ppo")["steps"]
     blend = TrainingSettings("ppo", AdapterSettings("blend", second="pid-flm"))
@@ -234,7 +278,7 @@ def test_options_reach_the_agent(short, fbl_gym):
     assert description["scenario"]["name"] == "mixed-error-1"
 
 
-@pytest.mark.parametrize("argument", [{"_init_setup_model": False}, {"gamma": "x"}, {"n_epochs": "a"}])
+@pytest.mark.parametrize("argument", [{"n_steps": "x"}, {"batch_size": "x"}, {"n_epochs": "a"}])
 def test_an_argument_that_fails_in_training_is_one_sentence(argument, short, fbl_gym):
     given = json.loads((short / "short.json").read_text())
     given["ppo"]["arguments"] |= argument
@@ -248,7 +292,7 @@ def test_an_argument_that_fails_in_training_is_one_sentence(argument, short, fbl
         ("--scenario mixed-eror-1", "did you mean 'mixed-error"),
         ("--preview 1e9", "preview must be a finite number not below 0 and not above 100"),
         ("--hyperparameters lanes.json", "hyperparameters.lanes must be a whole number not below 1 and not above 1000"),
-        ("--hyperparameters words.json", "hyperparameters.arguments must fit PPO: TypeError"),
+        ("--hyperparameters words.json", "hyperparameters.arguments must fit ppo: TypeError"),
         ("--hyperparameters none.json", "none.json must be JSON with an entry 'ppo': JSONDecodeError"),
     ],
 )

@@ -1,0 +1,124 @@
+"""Algorithms of stable-baselines3 and sb3-contrib as learners, and their actors as plain arrays."""
+
+from __future__ import annotations
+
+import copy
+import sys
+from typing import Any
+
+import numpy as np
+import torch
+from stable_baselines3.common.base_class import BaseAlgorithm
+from stable_baselines3.common.callbacks import BaseCallback
+
+from benchmarks.agents.network import Actor
+from benchmarks.agents.sb3 import find_class
+from benchmarks.training.progress import Progress
+from benchmarks.training.vec_env import ArmVecEnv
+from fbl_gym.model.arm import Array
+
+
+class OffPolicy(BaseCallback):
+    """A model of SB3 as a learner, and its callback.
+
+    Args:
+        algorithm: its name.
+        env: the arms.
+        seed: of the model, and of the first lane of each batch.
+        logs: folder for TensorBoard.
+        arguments: of the model's class; the learning rate falls to zero.
+        progress: of the run.
+    """
+
+    def __init__(
+        self, algorithm: str, env: ArmVecEnv, seed: int, logs: str, arguments: dict[str, Any], progress: Progress
+    ) -> None:
+        super().__init__()
+        arguments, rate = copy.deepcopy(arguments), arguments["learning_rate"]  # SB3 adds to dicts in it
+        # SB3's own measure of progress does not know `minutes`.
+        arguments["learning_rate"] = lambda _: rate * (1.0 - progress.fraction(self.steps))
+        make = find_class(algorithm)
+        self.model = make("MlpPolicy", env, seed=seed, device="cpu", tensorboard_log=logs, **arguments)
+        self._env, self._progress = env, progress
+
+    @property
+    def steps(self) -> int:
+        """Return the number of steps so far."""
+        return self.num_timesteps
+
+    def actor(self) -> Actor:
+        """Return the agent's network now."""
+        return export(self.model)
+
+    def state(self) -> dict[str, Any]:
+        """Return all that `load` needs."""
+        buffer: Any = self.model.replay_buffer  # type: ignore[attr-defined]
+        return {
+            "parameters": self.model.get_parameters(),
+            "tensors": self._tensors(),
+            "position": (buffer.pos, buffer.full),
+            "updates": self.model._n_updates,
+            "steps": self.steps,
+        }
+
+    def load(self, state: dict[str, Any]) -> None:
+        """Go on from a state; the arms begin their next episodes."""
+        self.model.set_parameters(state["parameters"])
+        for name, tensor in self._tensors().items():
+            tensor.data.copy_(state["tensors"][name])
+        buffer: Any = self.model.replay_buffer  # type: ignore[attr-defined]
+        buffer.pos, buffer.full = state["position"]
+        self.model._n_updates = state["updates"]
+        self.num_timesteps = self.model.num_timesteps = state["steps"]
+        episode = self._env.get_attr("scenario")[0].steps
+        for _ in range(self.steps // (self._env.num_envs * episode)):
+            self._env.reset()  # skip the episodes that the run has trained on
+
+    def learn(self, progress: Progress) -> None:
+        """Train until the run is over."""
+        remaining = (progress.settings.steps or sys.maxsize) - self.steps
+        self.model.learn(remaining, callback=self, reset_num_timesteps=False, tb_log_name="run")
+
+    def _on_step(self) -> bool:
+        return self._progress.fraction(self.steps) < 1.0
+
+    def _on_rollout_start(self) -> None:
+        self._progress.check(self)
+
+    def _tensors(self) -> dict[str, torch.Tensor]:
+        """Return the tensors that are no parameters: SAC's entropy and the replay buffer."""
+        tensors = {name: getattr(self.model, name) for name in self.model._get_torch_save_params()[1]}
+        buffer = vars(self.model.replay_buffer)  # type: ignore[attr-defined]
+        arrays = {name: torch.from_numpy(array) for name, array in buffer.items() if isinstance(array, np.ndarray)}
+        return {**tensors, **arrays}
+
+
+def export(model: BaseAlgorithm) -> Actor:
+    """Return the deterministic actor of an SB3 model whose policy is a multilayer perceptron."""
+    modules, output = _modules(model.policy)
+    layers: list[tuple[Array, Array]] = []
+    norm: Any = None
+    for module in modules:
+        if hasattr(module, "ra_mean"):  # CrossQ's batch normalization, an affine map that goes into the next layer
+            norm = module
+        if isinstance(module, torch.nn.Linear):
+            weight, bias = _arrays(module.weight, module.bias)
+            if norm is not None:
+                mean, variance, scale, shift = _arrays(norm.ra_mean, norm.ra_var, norm.scale, norm.bias)
+                gain = scale / np.sqrt(variance + norm.eps)
+                bias = bias + weight @ (shift - gain * mean)
+                weight, norm = weight * gain, None
+            layers.append((weight, bias))
+    activation = "tanh" if isinstance(modules[1], torch.nn.Tanh) else "relu"
+    return Actor(tuple(layers), activation, output)
+
+
+def _arrays(*tensors: torch.Tensor) -> tuple[Array, ...]:
+    return tuple(tensor.detach().numpy().astype(float) for tensor in tensors)
+
+
+def _modules(sb3_policy: Any) -> tuple[list[torch.nn.Module], str]:
+    """Return the actor's modules from first to last, and the kind of its output."""
+    if hasattr(sb3_policy.actor, "latent_pi"):
+        return [*sb3_policy.actor.latent_pi, sb3_policy.actor.mu], "tanh"
+    return [*sb3_policy.actor.mu], "tanh"
