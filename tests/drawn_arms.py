@@ -34,9 +34,9 @@ LAWS = (
     "pid-gravity", "computed-torque", "computed-torque-dob", "sliding-mode", "h-infinity", "lqg", "l1-adaptive",
     "slotine-li", "lqg-elastic",
 )  # fmt: skip
-TRIALS = 12
+TRIALS, MARGINS = 12, (LEAST_PHASE, LEAST_DELAY)
 STORAGE = "sqlite:///results/drawn.db?timeout=60"
-"""Laws, trials and database of the longer search."""
+"""Laws, trials, margins and database of the longer search."""
 
 
 def draw(number: int) -> Scenario:
@@ -70,21 +70,12 @@ def main(argv: Sequence[str] | None = None) -> None:
 
     good = []
     for base in map(draw, arguments.arms):
-        begin = partial(
-            tune_briefly,
-            base,
-            trials=arguments.trials,
-            margins=(LEAST_PHASE, LEAST_DELAY),
-            report=lambda *_: None,
-            workers=workers,
-            command="",
-        )
+        options = {"trials": arguments.trials, "report": lambda *_: None, "workers": workers, "command": ""}
+        begin = partial(tune_briefly, base, margins=MARGINS, **options)
         policies = arguments.policies or candidates(Likeness.of(base).classes)
         result = recommend(base, policies, arguments.seeds, run, begin if arguments.trials else None)
-        tasks = [
-            dataclasses.replace(task, scenarios=task.scenarios[:1])
-            for task in tasks_of(base, arguments.laws, (LEAST_PHASE, LEAST_DELAY))
-        ]
+        tasks = tasks_of(base, arguments.laws, MARGINS)
+        tasks = [dataclasses.replace(task, scenarios=task.scenarios[:1]) for task in tasks]
         for task in tasks:
             open_study(task, STORAGE)
         for _, answer in run_parallel(search, tasks, workers):

@@ -58,15 +58,14 @@ def main(argv: Sequence[str] | None = None) -> None:
     """Print the arms, then the share of intervals that hold, by number."""
     parser = argparse.ArgumentParser(prog="python -m tests.identification_coverage", description=__doc__)
     parser.add_argument("arms", type=int, metavar="N", help="number of arms")
-    parser.add_argument("--logs", type=int, default=1, metavar="N", help="logs of each arm (1)")
     arguments = parser.parse_args(argv)
     holds = np.full((arguments.arms, len(PARAMETERS)), np.nan)
     for k in range(arguments.arms):
         generator = np.random.default_rng(k)
         robot = draw(generator)
         with tempfile.TemporaryDirectory() as folder:
-            runs = [move(robot, generator, Path(folder) / f"{i}.csv") for i in range(arguments.logs)]
-        fit, true = identify(runs, scenarios.get(START)), parameters_of(robot)
+            log = move(robot, generator, Path(folder) / "log.csv")
+        fit, true = identify([log], scenarios.get(START)), parameters_of(robot)
         low, high = fit.interval().T
         holds[k] = np.where([name in fit.free for name in PARAMETERS], (low <= true) & (true <= high), np.nan)
         missed = [name for name, held in zip(PARAMETERS, holds[k], strict=True) if held == 0]

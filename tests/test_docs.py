@@ -167,39 +167,29 @@ def test_commands_in_the_text_exist(page):
 
 
 SHORTER = {
-    "learn(150_000)": "learn(64)",
-    "learn(300_000": "learn(64",
-    'device="cpu")': 'device="cpu", n_steps=64)',
-    "replace(duration=3.0)": "replace(duration=0.5)",
-    "range(task.steps)": "range(min(500, task.steps))",
-    "range(10, 14)": "range(1)",
-    '-practice", (1, 3))': '-practice", (3,))[:1]',
-    '"computed-torque-dob", "sliding-mode", "lqg"': "",
-    "0 1 2 3 4 5 6 7 8 9": "0 1",
-    "--minutes 0.667": "",
-    "--trials 10": "--trials 2",
-    "board_coverage 512": "board_coverage 2",
-    "30,25,20,15,10": "30,10",
+    "learn(150_000)": "learn(64)", "learn(300_000": "learn(64", 'device="cpu")': 'device="cpu", n_steps=64)',
+    "replace(duration=3.0)": "replace(duration=0.5)", "range(task.steps)": "range(min(500, task.steps))",
+    "range(10, 14)": "range(1)", "trial in range(400)": "trial in range(4)", '-practice", (1, 3))': '-practice", (3,))[:1]',
+    '"computed-torque-dob", "sliding-mode", "lqg"': "", "0 1 2 3 4 5 6 7 8 9": "0 1", "--minutes 0.667": "",
+    "--trials 10": "--trials 2", "board_coverage 512": "board_coverage 2", "30,25,20,15,10": "30,10",
     " direct-practice geared-practice": "",
-}
+}  # fmt: skip
 """What makes the code of a page short."""
 
 SHORT = {
     "evaluate": "--seeds 2",
     "leaderboard": "--seeds 1 --policies zero cascade-flm oracle-flm --scenarios servo-model-error-2 --workers 1",
     "report": "--seeds 1 --policies zero cascade-flm oracle-flm --scenarios servo-model-error-2",
-    "sweep": "--seeds 1 --workers 1",
-    "tune": "--trials 2 --seeds 1 --fresh-seeds 1 --candidates 1 --workers 1",
+    "sweep": "--seeds 1 --workers 1", "tune": "--trials 2 --seeds 1 --fresh-seeds 1 --candidates 1 --workers 1",
     "examples/offline_data.py": "--episodes 2",
     "examples/markov.py": "--lanes 4 --epochs 1",
     "recommend": "--seeds 2 --trials 0 --policies pd-gravity computed-torque --workers 1",
-    "train": "--steps 40 --hyperparameters short.json",
-    "reproduce": "--only figure-3a --short",
+    "train": "--steps 40 --hyperparameters short.json", "reproduce": "--only figure-3a --short",
     "benchmarks.speed": "--rounds 1",
     "benchmarks.studies.sealed": "--seeds 1 --policies zero cascade-flm oracle-flm --workers 1",
     "tests.board_coverage": "--of 1 --scenarios servo-nominal --workers 1",
     "tests.drawn_arms": "--trials 0 --seeds 2 --laws pd-gravity --policies pd-gravity --workers 1",
-}
+}  # fmt: skip
 """Arguments that make a command short, without policies and scenarios where it names its own."""
 
 
@@ -224,6 +214,10 @@ def run(program, first, *words):
         words += ["--seeds", "1"]
     if "--world" in words:  # two halves of the seeds
         words += ["--seeds", "4"]
+    if name == "evaluate" and "--scenario" in words and "--trace" not in words:  # episodes of two seconds
+        place = words.index("--scenario") + 1
+        Path("short.toml").write_text(f"base = {json.dumps(words[place])}\nduration = 2.0\n")
+        words[place] = "short.toml"
     if program == "fbl-gym":
         assert cli.main([name, *words]) == 0, (name, words)
         return

@@ -192,7 +192,8 @@ def _run(
         action, state = actor.predict(observation, state=state, deterministic=True)
         observation, _, terminated, _, _ = env.step(action)
         lost |= terminated
-        squares.append(np.mean((env.truth.reference - env.truth.position) ** 2, axis=1))
+        truth = env.truth
+        squares.append(np.mean((truth.reference - truth.position) ** 2, axis=1))
     return observation, state, np.where(lost, 1e-3, np.sqrt(np.mean(squares, axis=0))), lost
 
 

@@ -22,11 +22,13 @@ from benchmarks.run.store import Store
 from controllers.name import PolicyName
 
 PATCHES = """
+import sys
 import numpy as np
 from controllers.laws import simple
 from controllers.laws.simple import Zero
 
 np.seterr(all="raise")
+print("hello", sys.stdin.read())
 simple.PdGravity.torque = lambda self, observation, state: (np.zeros((len(observation), 2)), state)
 
 
@@ -35,24 +37,15 @@ def make_policy(interface):
 """
 
 
-@pytest.mark.parametrize("workers", [1, 2])
-def test_a_policy_that_patches_the_package_changes_no_other_row(workers, tmp_path):
+def test_a_policy_that_patches_the_package_changes_no_other_row(tmp_path):
+    """What it prints and reads stays with it."""
     (tmp_path / "patches.py").write_text(PATCHES)
     clean = Cell("pd-gravity", "noise-1", (0, 1))
     truth, store = run_cell(clean), Store(tmp_path / "store")
     cells = [Cell(resolve(str(tmp_path / "patches.py")), "noise-1", (0, 1)), clean]
-    assert [result.error for _, result in run(cells, store, workers=workers)] == ["", ""]
+    assert [result.error for _, result in run(cells, store, workers=1)] == ["", ""]
     assert np.geterr()["divide"] == "warn"
     assert store.find(clean).rows[0]["error_pct"] == truth.rows[0]["error_pct"]
-
-
-def test_what_a_policy_prints_and_reads_stays_with_it(tmp_path):
-    law = tmp_path / "prints.py"
-    law.write_text(
-        "from controllers.laws.simple import Zero as make_policy\nimport sys\nprint('hello', sys.stdin.read())\n"
-    )
-    outcomes = list(run([Cell(resolve(str(law)), "nominal", (0,))], Store(tmp_path / "store")))
-    assert [result.error for _, result in outcomes] == [""]
 
 
 LAW = """from controllers.laws.simple import Zero
@@ -67,11 +60,9 @@ BAD = {
     "leaves": ("import os\n", "os._exit(0)", "its process died, with exit status 0"),
     "lacks": ("", "{}['lost']", "KeyError: 'lost'"),
 }
+TEXT = "class E(Exception):\n    def __str__(self):\n        raise RuntimeError\n"
 FAILS = {
-    "text": (
-        "class E(Exception):\n    def __str__(self):\n        raise RuntimeError\n", "raise E",
-        "E: (its text raises an error)",
-    ),
+    "text": (TEXT, "raise E", "E: (its text raises an error)"),
     "loads": ("class E(BaseException):\n    pass\nraise E('no')\n", WORKS, "ValueError: E: no, while it was loaded"),
     "exits": BAD["exits"],
     "kills": ("import os\nos.kill(os.getpid(), 9)\n", WORKS, "ValueError: its process died, with exit status 137, while"),
@@ -80,10 +71,10 @@ FAILS = {
 }  # fmt: skip
 
 
-@pytest.mark.parametrize(("command", "law"), [
-    ("evaluate zero", "exits"), ("margins", "exits"), ("margins", "leaves"),
-    ("check-policy", "leaves"), ("check-policy", "lacks"),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("command", "law"),
+    [("evaluate zero", "exits"), ("margins", "leaves"), ("check-policy", "leaves"), ("check-policy", "lacks")],
+)
 def test_a_bad_policy_is_one_line_of_other_commands_too(command, law, folder, capfd):
     """Its code runs in another process, so it cannot end this one without a word."""
     head, body, reason = BAD[law]
@@ -138,7 +129,7 @@ def test_no_bad_policy_stops_the_board(tmp_path):
     assert "Left out: loads.py: ValueError: E: no" in table
 
 
-@pytest.mark.parametrize("preview", ["inf", "nan", "-1", "1e9"])
+@pytest.mark.parametrize("preview", ["nan", "1e9"])
 def test_a_preview_that_no_scenario_has_is_a_reason(preview, tmp_path):
     law = "from controllers.laws.simple import Zero\nclass make_policy(Zero):\n    preview = float('{}')\n"
     (tmp_path / "ahead.py").write_text(law.format(preview))
@@ -147,19 +138,12 @@ def test_a_preview_that_no_scenario_has_is_a_reason(preview, tmp_path):
     assert cell.key
 
 
-@pytest.mark.parametrize("gain", ["kind", "access", "needs"])
+@pytest.mark.parametrize("gain", ["kind", "needs"])
 def test_a_gain_with_the_name_of_a_declaration_is_refused(gain, tmp_path):
     text = "from dataclasses import dataclass\nfrom controllers.laws.simple import Zero\n@dataclass(frozen=True)\n"
     (tmp_path / "law.py").write_text(f"{text}class make_policy(Zero):\n    {gain}: str = 'pd'\n")
     assert f"gain '{gain}' of" in (problem := resolve(str(tmp_path / "law.py")).problem)
     assert "must have another name: the name is reserved" in problem
-
-
-def test_the_board_runs_no_policy_that_breaks_a_promise(tmp_path):
-    random = "import numpy as np\n" + LAW.format("return np.random.randn(len(observation), 2), state")
-    (tmp_path / "shaky.py").write_text(random)
-    error = run_cell(Cell(resolve(str(tmp_path / "shaky.py")), "servo-nominal", (0,))).error
-    assert "breaks a promise (a lane of a batch acts as a single policy)" in error
 
 
 LATE = "it took longer than 1 s, see leaderboard --cell-timeout"
@@ -225,14 +209,14 @@ def answer_and_leave(flag):
 def test_the_processes_of_a_call_end_with_it(function, tmp_path):
     """At its limit of time, too, though a grandchild holds the standard output."""
     begin = time.monotonic()
-    arguments, limits = (function, str(tmp_path / "flag")), CallLimits(seconds=5.0)
+    arguments, limits = (function, str(tmp_path / "flag")), CallLimits(seconds=2.0)
     if function is answer_and_leave:
         assert run_isolated(*arguments, limits=limits) == "answer"
         time.sleep(0.5)
         status = Path("/proc", (tmp_path / "flag").read_text(), "stat")
         assert not status.exists() or status.read_text().rpartition(") ")[2].startswith("Z")
     else:
-        with pytest.raises(Failed, match="it took longer than 5 s"):
+        with pytest.raises(Failed, match="it took longer than 2 s"):
             run_isolated(*arguments, limits=limits)
     assert time.monotonic() - begin < 20
 
@@ -303,14 +287,10 @@ LANES, PURE, KEY = "a lane of a batch acts as a single policy", "predict is a fu
     [
         ("1 + 0.1 * torque.mean(0)", LANES, "actions differ"),
         ("1 + 0.1 * np.arange(n)[:, None]", LANES, "actions differ"),
-        ("1 + 0.3 * np.random.rand(n, 1)", LANES, "actions differ"),
         ("1 + 0.3 * np.random.RandomState(0).rand(n, 1)", LANES, "actions differ"),
-        ("1 + 1e-6 * random.random()", PURE, "the same episode gave two different numbers"),
-        ("1 + 1e-6 * (time.time() % 1)", PURE, "the same episode gave two different numbers"),
-        ("1 + 1e-9 * len(calls)", PURE, "the same episode gave two different numbers"),
+        *[(f"1 + 1e-9 * {x}", PURE, "the same episode gave two different") for x in ("random.random()", "len(calls)")],
         ("float((HERE / 'k.txt').read_text())", KEY, 'reads k.txt, .* data_files = ("k.txt",)'),
         ("float(os.read(os.open(HERE / 'k.txt', os.O_RDONLY), 9))", KEY, 'data_files = ("k.txt",)'),
-        ("float(np.loadtxt(HERE / 'k.txt'))", KEY, 'data_files = ("k.txt",)'),
         ("json.loads(zipfile.ZipFile(HERE / 'k.zip').read('k'))", KEY, 'data_files = ("k.zip",)'),
         ("importlib.import_module('helper').K", KEY, 'data_files = ("helper.py",)'),
         ("float(os.environ.get('GAIN', 1))", KEY, "the environment variable GAIN"),
@@ -348,6 +328,9 @@ class make_policy(PdGravity):
 """
 
 
+COMPILED = "import numba\n@numba.njit\ndef gain():\n    return {}\n"
+
+
 @pytest.mark.parametrize("declared", [("weights",), ("*/k.t?t",)])
 def test_a_number_follows_what_the_law_declares_and_imports(declared, tmp_path):
     """Files, folders and patterns; a compiled helper is not kept from an earlier run."""
@@ -355,9 +338,7 @@ def test_a_number_follows_what_the_law_declares_and_imports(declared, tmp_path):
     (tmp_path / "weights").mkdir()
     results = []
     for file, content in (("helper.py", "1.0"), ("helper.py", "0.5"), ("weights/k.txt", "0.5")):
-        files[file] = (
-            content if file != "helper.py" else f"import numba\n@numba.njit\ndef gain():\n    return {content}\n"
-        )
+        files[file] = content if file != "helper.py" else COMPILED.format(content)
         for name, text in files.items():
             (tmp_path / name).write_text(text)
         results.append(run_cell(Cell(str(tmp_path / "law.py"), "nominal", (0,))))
@@ -365,7 +346,7 @@ def test_a_number_follows_what_the_law_declares_and_imports(declared, tmp_path):
     assert len({result.cell.key for result in results}) == len({result.rows[0]["error_pct"] for result in results}) == 3
 
 
-@pytest.mark.parametrize("declared", ["K.txt", "weights/*.bin", "lost"])
+@pytest.mark.parametrize("declared", ["K.txt", "weights/*.bin"])
 def test_a_declared_file_that_does_not_exist_is_an_error(declared, tmp_path):
     (tmp_path / "law.py").write_text(f"{LAW.format(WORKS)}    data_files = ({declared!r},)\n")
     error = run_cell(Cell(str(tmp_path / "law.py"), "nominal", (0,))).error

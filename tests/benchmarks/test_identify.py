@@ -136,18 +136,11 @@ def test_logs_of_matlab_and_traces(rows, tmp_path):
         (lambda r: r * [1, 1, 0, 1, 1], "position 2 does not change.*unplugged"),
         (lambda r: np.concatenate([r, r]), "1 rows do not, first line 3002"),
         (lambda r: np.where(np.arange(len(r))[:, None] == 7, np.nan, r), "finite.*line 9"),
-        (
-            lambda r: r + np.outer(np.arange(len(r)) > 50, [0, 6.3, 0, 0, 0]),
-            "position 1 must not jump.*unwrapped, or degrees",
-        ),
-        (
-            lambda r: r * np.where(np.arange(len(r))[:, None] < np.abs(r[:, 2]).argmax(), 1, [1, 1, 0, 1, 1]),
-            "unplugged",
-        ),
-        (lambda r: r[:50], "200 samples"),
-        (lambda r: r[:900], "at least 2 s"),
+        (lambda r: r + np.outer(np.arange(len(r)) > 50, [0, 6.3, 0, 0, 0]), "position 1 must not jump.*unwrapped, or degrees"),
+        (lambda r: r * np.where(np.arange(len(r))[:, None] < np.abs(r[:, 2]).argmax(), 1, [1, 1, 0, 1, 1]), "unplugged"),
+        (lambda r: r[:50], "200 samples"), (lambda r: r[:900], "at least 2 s"),
     ],
-)
+)  # fmt: skip
 def test_a_damaged_log_is_refused(rows, tmp_path, damage, message):
     with pytest.raises(ValueError, match=message):
         read(write(tmp_path / "bad.csv", damage(rows[0])))
@@ -197,7 +190,7 @@ def test_logs_of_two_robots_are_refused(files, tmp_path):
         (lambda r: r + [0, np.pi / 2, 0, 0, 0], "check the zeros of the angles, -1.5708 and"),
         (lambda r: r * [1, 1, 1, 11, 11], "p4 is 10.5 times that of --start. Check units"),
     ],
-)
+)  # fmt: skip
 def test_a_fit_that_means_nothing_is_refused(rows, tmp_path, monkeypatch, change, message):
     monkeypatch.setattr(fitting, "FOLDS", 2)
     log = read(write(tmp_path / "wrong.csv", change(rows[0])))
@@ -243,7 +236,7 @@ def test_the_simulation_is_the_environments(files):
     assert np.median(np.abs(rollout_errors(log, parameters_of(START), 0.5)[0])) > 0.05
 
 
-def test_the_arm_is_found_again(fit):
+def test_the_arm_and_the_zeros_of_a_log_are_found_again(fit):
     true = parameters_of(ROBOT)
     for name in fit.free:
         assert fit.parameters[INDEX[name]] == pytest.approx(true[INDEX[name]], rel=0.15, abs=2e-3), name
@@ -251,13 +244,7 @@ def test_the_arm_is_found_again(fit):
     widths = np.ptp(fit.interval(), axis=1)[[INDEX[name] for name in fit.free]]
     assert (widths > 0).all()
     assert fit.weak == {}
-
-
-def test_zeros_of_a_log_are_found(fit):
     assert fit.zero == pytest.approx(np.array([(0, 0), ZERO]), abs=5e-3)
-
-
-def test_the_arm_is_the_same_motion(fit):
     arm = arm_of(fit.parameters, START.arm)
     q = np.array([[0.3, -0.8], [1.0, 2.0]])
     assert inertia_matrix(arm, q) == pytest.approx(inertia_matrix(ROBOT.arm, q), rel=0.02)

@@ -20,7 +20,7 @@ QUICK = {
     "figure-2": (0, 1), "leakage": (0, 1, 2), "figure-3a": (0, 3), "figure-3b": (0, 3), "equation-10": (0,),
     "equation-10-fast": (0,), "figure-4a": (0, 1), "figure-4b-filter": (1,), "figure-4b-error": (0,),
     "figure-4b-settling": (0, 1), "kalman-filter": (0,), "robust-radius": (1,), "robust-radius-with-noise": (3,),
-    "equation-22": (0, 1), "equation-38": (0, 1), "figure-5": (1, 3), "figure-6a": (5, 7, 10), "figure-6b": (0,),
+    "equation-22": (0, 1), "equation-38": (0, 1), "figure-5": (1, 3), "figure-6a": (7, 10), "figure-6b": (0,),
     "residual-error": (3, 8), "adaptive-radius": (0,), "figure-7": (0,), "figure-8": (0,), "figure-9": (0, 1),
     "soft-scheduling": (0,), "figure-10": (0, 1),
 }  # fmt: skip
