@@ -89,7 +89,7 @@ def test_the_validation_of_several_scenarios_is_that_of_a_board(tmp_path):
 def test_each_scenario_has_enough_lanes_and_a_seed_for_each():
     each = tuple(map(scenarios.get, scenarios.in_tier("servo-practice", (3,))))
     assert TrainingSettings("sac", scenarios=each).lanes == LEAST_LANES == TrainingSettings("sac").lanes
-    assert TrainingSettings("ppo", scenarios=each).lanes == TrainingSettings("ppo").lanes // len(each)
+    assert TrainingSettings("ppo", scenarios=each).lanes == shipped_hyperparameters("ppo")["lanes"] // len(each)
     blend = AdapterSettings("blend", second="lqg")
     assert TrainingSettings("ppo", blend, each[:10]).lanes == shipped_hyperparameters("ppo", "blend")["lanes"] // 10
     assert TrainingSettings("ppo", blend).lanes == SEEDS_PER_RUN
