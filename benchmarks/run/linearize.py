@@ -220,7 +220,7 @@ def _rest(
         if (k + 1) % round(1.0 / dt) == 0:
             truth = env.truth
             speeds = np.abs(np.concatenate([truth.velocity, truth.acceleration], axis=1)).max(axis=1)
-            for i in moving & {*np.flatnonzero(speeds < 1e-4).tolist()} - {*np.flatnonzero(lost).tolist()}:
+            for i in moving & {*np.flatnonzero(speeds < 1e-6).tolist()} - {*np.flatnonzero(lost).tolist()}:
                 points[i] = observation[i], _lane(state, i), _lane_of(truth, i)
                 moving.remove(i)
             # An arm that loses so little of its speed in a second does not come to rest in time.
