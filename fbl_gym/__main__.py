@@ -4,14 +4,38 @@ The packages `controllers` and `benchmarks` are those beside this one, even wher
 user has one of these names and comes first in `sys.path`.
 """
 
+import _thread
 import importlib
+import os
+import signal
 import sys
+import threading
+from typing import Any
 
 from fbl_gym.neighbours import ROOT
 
 
+def keep_interrupts() -> None:
+    """Let Ctrl-C stop the program also where it comes in a finalizer, where Python ignores it."""
+
+    def interrupt() -> None:
+        if os.name == "posix":
+            os.kill(os.getpid(), signal.SIGINT)  # it ends a call that waits, too
+        else:
+            _thread.interrupt_main()
+
+    def again(unraisable: Any) -> None:
+        if unraisable.exc_type is KeyboardInterrupt:
+            threading.Timer(0.05, interrupt).start()
+        else:
+            sys.__unraisablehook__(unraisable)
+
+    sys.unraisablehook = again
+
+
 def main() -> int:
     """Run a command and return the exit status."""
+    keep_interrupts()
     sys.path.insert(0, str(ROOT))  # workers get the same path
     try:
         return importlib.import_module("benchmarks.cli").main()

@@ -121,6 +121,27 @@ def test_workers_end_within_five_seconds_of_a_killed_parent(how, workers, number
     assert wait(lambda: not group(process.pid) and not isolated(tmp_path), 5)
 
 
+LOST = """
+import os, signal, time
+from fbl_gym.__main__ import keep_interrupts
+class Finalized:
+    def __del__(self):
+        os.kill(os.getpid(), signal.SIGINT)
+        time.sleep(0.1)
+keep_interrupts()
+try:
+    Finalized()
+    time.sleep(60)
+except KeyboardInterrupt:
+    print("stopped")
+"""
+
+
+def test_an_interrupt_in_a_finalizer_is_not_lost():
+    done = subprocess.run([sys.executable, "-c", LOST], capture_output=True, text=True, timeout=60, preexec_fn=obey)
+    assert (done.stdout, done.stderr) == ("stopped\n", "")
+
+
 def test_other_commands_say_what_is_kept_too(tmp_path):
     command = ["tune", "pd-gravity", "--trials", "100000", "--seeds", "1", "--scenarios", "nominal", "--storage"]
     process = subprocess.Popen(
