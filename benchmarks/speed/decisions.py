@@ -42,9 +42,16 @@ def decisions(policy: str) -> Iterator[float]:
 
 
 def batch_decisions(policy: str) -> Iterator[float]:
-    """Yield the time of each decision for `ARMS` arms of `BATCH` [s], without end."""
-    env = TwoLinkArmVectorEnv(ARMS, BATCH)
-    law, state = resolve(policy).make(env), None
+    """Yield the time of each decision for `ARMS` arms of `BATCH` [s], without end.
+
+    An agent that cannot drive these gets arms of `SCENARIO`.
+    """
+    env, state = TwoLinkArmVectorEnv(ARMS, BATCH), None
+    try:
+        law = resolve(policy).make(env)
+    except ValueError:
+        env = TwoLinkArmVectorEnv(ARMS, SCENARIO)
+        law = resolve(policy).make(env)
     observation, _ = env.reset(seed=0)
     while True:
         begin = time.perf_counter()
