@@ -228,7 +228,7 @@ def test_rows_of_the_boards_are_stable_up_to_their_margins(robot, policy):
             observation, _, terminated, _, _ = env.step(action)
             speeds.append(np.inf if terminated[0] else np.abs(env.truth.velocity).max())
         third, last = np.array_split(speeds, 4)[2:]
-        return max(last) < 1e-8 or max(last) < 0.97 * max(third)
+        return max(last) < max(1e-8, min(1.0, 0.97 * max(third)))  # at its torque limits, a swing may vary
 
     joint = int(np.argmin(margins.gain_upper))
     assert [rests(1.0 + factor * (margins.gain_upper[joint] - 1.0), 0.0) for factor in (0.9, 1.1)] == [True, False]
