@@ -23,8 +23,11 @@ from benchmarks.text import reason_of
 from fbl_gym import Scenario, scenarios
 from fbl_gym.scenarios.classes import CLASSES
 
-ARMS = 8
-"""Number of arms whose margins a result has."""
+ARMS, LEAST_SEEDS = 8, 16
+"""Number of arms whose margins a result has, and least number of its seeds.
+
+Margins take longer than the runs of a short board, which has 8 seeds.
+"""
 
 
 def run(
@@ -88,7 +91,8 @@ def run_cell(cell: Cell, command: str = "", limits: CallLimits | None = None) ->
 def has_margins(cell: Cell) -> bool:
     """Return True if a result has margins: of a ranked policy in a board's nominal scenario."""
     member = scenarios.member(cell.scenario.name)
-    return cell.policy.ranked and member is not None and member.family == "nominal" and member.tier in CLASSES
+    nominal = member is not None and member.family == "nominal" and member.tier in CLASSES
+    return nominal and cell.policy.ranked and len(cell.seeds) >= LEAST_SEEDS
 
 
 def _margins(cell: Cell, limits: CallLimits | None) -> list[dict[str, float]]:
