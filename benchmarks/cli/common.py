@@ -19,6 +19,7 @@ from benchmarks.run.store import Result, Store
 from benchmarks.seeds import SPLITS
 from controllers.name import PolicyName
 from fbl_gym import Scenario, scenarios
+from fbl_gym.records.checks import check_number
 
 # Types of arguments: functions of the text that was typed.
 
@@ -34,6 +35,14 @@ def count(text: str, most: int = 1_000_000, why: str = "") -> int:
 
 episodes = partial(count, most=len(SPLITS["test"]), why=", the test seeds there are")
 """Return a number of test seeds."""
+
+
+def bounded(most: float, text: str) -> float:
+    """Return a number from 0 to the `most`."""
+    try:
+        return check_number("it", float(text), low=0.0, high=most)
+    except ValueError:
+        raise argparse.ArgumentTypeError(f"must be a number from 0 to {most:g}, got {text!r}") from None
 
 
 def file_path(text: str, endings: Sequence[str]) -> Path:
@@ -144,5 +153,7 @@ def trust(arguments: argparse.Namespace) -> None:
 
 def add_margins(parser: argparse.ArgumentParser, phase: str, delay: str) -> None:
     """Add the options for the margins that are asked for, each with its meaning."""
-    add_option(parser, "--least-phase", float, LEAST_PHASE, "DEG", phase)
-    add_option(parser, "--least-delay", float, LEAST_DELAY, "SAMPLES", delay)
+    for name, most, usual, unit, meaning in (
+        ("--least-phase", 180.0, LEAST_PHASE, "DEG", phase), ("--least-delay", 1e3, LEAST_DELAY, "SAMPLES", delay),
+    ):  # fmt: skip
+        add_option(parser, name, partial(bounded, most), usual, unit, meaning)

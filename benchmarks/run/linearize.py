@@ -19,6 +19,7 @@ from benchmarks.run.metrics import MARGINS
 from benchmarks.run.rollout import make_env, reference_motion
 from controllers.base import leaves, map_state, where_lanes
 from controllers.oracles.true_arm import TrueArm
+from fbl_gym import scenarios
 from fbl_gym.interface import Interface
 from fbl_gym.kernel.batch import Truth
 from fbl_gym.model.arm import Array
@@ -26,6 +27,7 @@ from fbl_gym.options import ArrayReference, Encoder, Friction, Payload
 from fbl_gym.records.checks import Pair, check_pair
 from fbl_gym.records.record import Distribution, ends, scaled
 from fbl_gym.scenarios import Scenario, as_scenario
+from fbl_gym.scenarios.classes import CLASSES
 
 POINT: Pair = (-1.0, 0.5)
 """A point within the default motion at which gravity acts on both joints [rad]."""
@@ -118,6 +120,20 @@ def _loop_at(
         except NotLinear:
             _, state = actor.predict(observation[None], state=state, deterministic=True)
     return _loop(scenario, interface, truth, actor, observation, state, error)
+
+
+ARMS, LEAST_SEEDS = 8, 16
+"""Number of arms whose margins a result has, and least number of its seeds.
+
+Margins take longer than the runs of a short board, which has 8 seeds.
+"""
+
+
+def has_margins(policy: PolicySpec, scenario: Scenario, seeds: Sequence[int]) -> bool:
+    """Return True if a result has margins: of a ranked policy in a board's nominal scenario."""
+    member = scenarios.member(scenario.name)
+    nominal = member is not None and member.family == "nominal" and member.tier in CLASSES
+    return nominal and policy.ranked and len(seeds) >= LEAST_SEEDS
 
 
 def margin_metrics(

@@ -15,19 +15,12 @@ from benchmarks.policies.isolation import CallLimits, Failed, run_parallel
 from benchmarks.policies.spec import PolicySpec
 from benchmarks.run.cell import Cell
 from benchmarks.run.contract import broken, watch
-from benchmarks.run.linearize import margin_metrics
+from benchmarks.run.linearize import ARMS, has_margins, margin_metrics
 from benchmarks.run.metrics import measure
 from benchmarks.run.rollout import Trace, rollout_trials
 from benchmarks.run.store import Result, Store, provenance
 from benchmarks.text import reason_of
-from fbl_gym import Scenario, scenarios
-from fbl_gym.scenarios.classes import CLASSES
-
-ARMS, LEAST_SEEDS = 8, 16
-"""Number of arms whose margins a result has, and least number of its seeds.
-
-Margins take longer than the runs of a short board, which has 8 seeds.
-"""
+from fbl_gym import Scenario
 
 
 def run(
@@ -79,20 +72,13 @@ def run_cell(cell: Cell, command: str = "", limits: CallLimits | None = None) ->
             raise ValueError(cell.policy.problem)
         (trace,) = run_trials(cell.policy, cell.scenario, cell.seeds, 1, limits, check=True)
         rows = measure(trace)
-        if has_margins(cell):
+        if has_margins(cell.policy, cell.scenario, cell.seeds):
             for row, margins in zip(rows, _margins(cell, limits), strict=False):
                 row |= margins
     except (Exception, SystemExit) as problem:  # a policy may raise anything, and other cells must not suffer
         error = str(problem) if isinstance(problem, Failed) else reason_of(problem)
         return Result.failure(cell, error, command)
     return Result(cell, tuple(rows), 1e6 * trace.decision_time, provenance=provenance(command, cell.packages))
-
-
-def has_margins(cell: Cell) -> bool:
-    """Return True if a result has margins: of a ranked policy in a board's nominal scenario."""
-    member = scenarios.member(cell.scenario.name)
-    nominal = member is not None and member.family == "nominal" and member.tier in CLASSES
-    return nominal and cell.policy.ranked and len(cell.seeds) >= LEAST_SEEDS
 
 
 def _margins(cell: Cell, limits: CallLimits | None) -> list[dict[str, float]]:

@@ -38,7 +38,7 @@ def make_policy(interface):
 
 
 def test_a_policy_that_patches_the_package_changes_no_other_row(tmp_path):
-    """What it prints and reads stays with it."""
+    """Its prints and what it reads stay with it."""
     (tmp_path / "patches.py").write_text(PATCHES)
     clean = Cell("pd-gravity", "noise-1", (0, 1))
     truth, store = run_cell(clean), Store(tmp_path / "store")

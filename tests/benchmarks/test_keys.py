@@ -236,6 +236,12 @@ def test_every_module_of_the_arm_is_in_the_key():
     assert others == {"view", "scenarios"}
 
 
+def test_the_code_of_margins_is_in_every_key():
+    """Results of a board's nominal scenario have them."""
+    shared = {path.name for pattern in keys.SHARED for path in ROOT.glob(pattern)}
+    assert {"linearize.py", "loop.py", "true_arm.py", "metrics.py"} <= shared
+
+
 def test_the_key_follows_the_version_of_an_installed_package(tmp_path):
     """Whatever calls came before in other processes: one of them has imported it."""
     run_isolated(command_line)

@@ -164,7 +164,7 @@ def test_the_torque_under_jitter_is_that_of_the_newest_command_that_arrived(jitt
 
 
 def test_ripple_is_a_sine_of_the_drives_angle():
-    """Of elastic joints; the next test has rigid ones."""
+    """The joints are elastic; the next test has rigid ones."""
     amplitude, order, h = np.array([8.0, 3.0]), np.array([10.0, 24.0]), 2.5e-4
     actuator = {"ripple": amplitude, "ripple_order": order}
     joint = {"stiffness": 1e5, "damping": 50.0, "rotor_inertia": 2.0}
