@@ -94,7 +94,7 @@ class AdapterSettings(Record):
     base: str = declared("computed-torque@frequency=15", _check_law, "name of a law")
     second: str = declared("", _check_law, "name of a law")
     history: int = whole(0)
-    reach: float = number(0.0, unit="s", low=0)
+    reach: float = number(0.0, unit="s", low=0, high=1)
     fine: Pair | None = pair(None, above=0)
     integral: float = number(0.0, unit="s", low=0)
     memory: float = number(0.0, unit="s", low=0)

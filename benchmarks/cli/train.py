@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import json
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -58,7 +59,7 @@ def run(arguments: argparse.Namespace) -> int:
     tasks = tuple(
         scenarios.get(task)
         for name in arguments.scenario
-        for task in (scenarios.in_tier(name, arguments.severity) if name in scenarios.TIERS else (name,))
+        for task in (_in_tier(name, arguments.severity) if name in scenarios.TIERS else (name,))
     )
     fields = declarations(AdapterSettings).keys() & vars(arguments).keys()
     given = {name: value for name in fields if (value := getattr(arguments, name)) is not None}
@@ -90,3 +91,13 @@ def _hyperparameters(path: Path, algorithm: str) -> Any:
         return json.loads(read_text(path))[algorithm]
     except (ValueError, KeyError, TypeError, RecursionError) as problem:
         raise ValueError(f"{path} must be JSON with an entry {algorithm!r}: {reason_of(problem)}") from None
+
+
+def _in_tier(tier: str, severities: Sequence[int]) -> tuple[str, ...]:
+    """Return a tier's nominal scenario and those of some severities."""
+    single = scenarios.in_tier(tier, ())
+    for severity in severities:
+        if scenarios.in_tier(tier, (severity,)) == single:
+            known = [each for each in range(4) if scenarios.in_tier(tier, (each,)) != single]
+            raise ValueError(f"--severity must be one of {', '.join(map(str, known))} for {tier}, got {severity}")
+    return scenarios.in_tier(tier, severities)

@@ -13,6 +13,7 @@ from filelock import FileLock
 
 from benchmarks.agents.adapter import AdapterSettings
 from benchmarks.agents.agent import Agent, describe, read
+from benchmarks.cli.train import _in_tier
 from benchmarks.run.metrics import measure
 from benchmarks.run.rollout import rollout
 from benchmarks.training.ppo import PPO, _Arms
@@ -246,6 +247,12 @@ def test_shipped_hyperparameters_state_their_tuning(algorithm):
 def test_wrong_settings_are_refused(changes, message):
     with pytest.raises(ValueError, match=message):
         settings(**changes)
+
+
+def test_a_severity_that_a_tier_lacks_is_refused():
+    assert len(_in_tier("servo-practice", [3])) == 15
+    with pytest.raises(ValueError, match="--severity must be one of 1, 3 for servo-practice, got 2"):
+        _in_tier("servo-practice", [3, 2])
 
 
 def test_settings_without_a_length_take_the_steps_of_the_hyperparameters():
