@@ -1,6 +1,7 @@
 """PPO on a batch of arms, in one file: copy it and change it.
 
     python examples/ppo_batch.py --threads 2
+    python examples/ppo_batch.py --device cuda --lanes 4096 --minibatch 16384
 
 It evaluates on a scenario and seeds that the training does not use, and prints the mean absolute
 error of both joints. It follows CleanRL's `ppo_continuous_action.py`.
@@ -20,6 +21,7 @@ add = parser.add_argument
 add("--scenario", default="servo-practice-nominal", help="to train on")
 add("--test", default="servo-nominal", help="scenario to evaluate on")
 add("--seed", type=int, default=0, help="of the training")
+add("--device", choices=["cpu", "cuda"], default="cpu", help="of the arms and the networks")
 add("--threads", type=int, help="of the environment, None: all cores; PyTorch has one")
 add("--updates", type=int, default=100, help="number of rollouts, each followed by an update")
 add("--lanes", type=int, default=512, help="number of arms")
@@ -82,13 +84,14 @@ def network(size: int, outputs: int, gain: float) -> nn.Sequential:
 def train(args: argparse.Namespace) -> Agent:
     """Return a trained agent."""
     torch.manual_seed(args.seed)
-    env = TwoLinkArmTrackingVectorEnv(args.lanes, args.scenario, autoreset_mode="SameStep", threads=args.threads)
-    agent = Agent(env.single_observation_space.shape[0], args.std)
+    options = {"autoreset_mode": "SameStep", "threads": args.threads, "device": args.device}
+    env = TwoLinkArmTrackingVectorEnv(args.lanes, args.scenario, **options)
+    agent = Agent(env.single_observation_space.shape[0], args.std).to(args.device)
     optimizer = torch.optim.Adam(agent.parameters(), args.rate, eps=1e-5, fused=True)
-    now = torch.from_numpy(env.reset(seed=1_000_000 * (args.seed + 1))[0])  # evaluation has the seeds from 0 on
-    shape = args.steps, args.lanes
-    x, actions = torch.empty(*shape, now.shape[1]), torch.empty(*shape, 2)
-    logs, rewards, values, ends = (torch.empty(shape) for _ in range(4))
+    now = torch.as_tensor(env.reset(seed=1_000_000 * (args.seed + 1))[0])  # evaluation has the seeds from 0 on
+    shape, on = (args.steps, args.lanes), {"device": args.device}
+    x, actions = torch.empty(*shape, now.shape[1], **on), torch.empty(*shape, 2, **on)
+    logs, rewards, values, ends, advantages = (torch.empty(shape, **on) for _ in range(5))
     for update in range(args.updates):
         optimizer.param_groups[0]["lr"] = args.rate * (1.0 - update / args.updates)
         with torch.no_grad():
@@ -96,20 +99,20 @@ def train(args: argparse.Namespace) -> Agent:
                 policy, values[t] = agent(now)
                 x[t], actions[t] = now, policy.sample()
                 logs[t] = policy.log_prob(actions[t]).sum(-1)
-                after, reward, terminated, truncated, infos = env.step(actions[t].numpy())
-                if truncated.any():  # an episode that ends by time alone would have gone on
-                    last = torch.from_numpy(np.stack(infos["final_obs"][truncated]))
-                    reward[truncated] += args.discount * agent(last)[1].numpy() * ~terminated[truncated]
-                now, rewards[t] = torch.from_numpy(after), torch.from_numpy(reward)
-                ends[t] = torch.from_numpy(terminated | truncated)
-            ahead, advantage, advantages = agent(now)[1], torch.zeros(args.lanes), torch.empty(shape)
+                *results, infos = env.step(actions[t])
+                now, rewards[t], terminated, truncated = map(torch.as_tensor, results)
+                ends[t], cut = terminated | truncated, truncated & ~terminated
+                if cut.any():  # an episode that ends by time alone would have gone on
+                    last = infos["final_obs"][cut if args.device == "cuda" else cut.numpy()]
+                    rewards[t, cut] += args.discount * agent(torch.stack([*map(torch.as_tensor, last)]))[1]
+            ahead, advantage = agent(now)[1], torch.zeros(args.lanes, **on)
             for t in reversed(range(args.steps)):
                 runs = args.discount * (1.0 - ends[t])
                 advantage = rewards[t] + runs * ahead - values[t] + runs * args.trace * advantage
                 advantages[t], ahead = advantage, values[t]
         data = [each.flatten(0, 1) for each in (x, actions, logs, advantages, advantages + values)]
         for _ in range(args.epochs):
-            for part in torch.randperm(args.steps * args.lanes).split(args.minibatch):
+            for part in torch.randperm(args.steps * args.lanes, **on).split(args.minibatch):
                 observed, action, log, gain, target = (each[part] for each in data)
                 policy, value = agent(observed)
                 ratio = (policy.log_prob(action).sum(-1) - log).exp()
@@ -130,7 +133,7 @@ def evaluate(agent: Agent, scenario: str, seeds: int = 32) -> tuple[float, int]:
     env = TwoLinkArmTrackingVectorEnv(seeds, scenario, info=True, autoreset_mode="SameStep")
     observations, errors, diverged = env.reset(seed=0)[0], [], np.zeros(seeds, dtype=bool)
     for _ in range(env.scenario.steps - 1):
-        action = agent(torch.from_numpy(observations))[0].mean
+        action = agent.cpu()(torch.from_numpy(observations))[0].mean
         observations, _, terminated, _, infos = env.step(action.numpy())
         diverged |= terminated
         errors.append(np.abs(infos["tracking_error"]).mean())
@@ -140,9 +143,10 @@ def evaluate(agent: Agent, scenario: str, seeds: int = 32) -> tuple[float, int]:
 if __name__ == "__main__":
     arguments = parser.parse_args()
     torch.set_num_threads(1)  # small networks learn fastest so
-    begin = time.process_time()
+    begin = time.perf_counter(), time.process_time()
     trained = train(arguments)
-    seconds = time.process_time() - begin
+    seconds, busy = time.perf_counter() - begin[0], time.process_time() - begin[1]
     steps = arguments.updates * arguments.lanes * arguments.steps
     error, lost = evaluate(trained, arguments.test)
-    print(f"{steps:,} steps in {seconds:.1f} processor seconds: error {error:.2f} mrad, {lost} of 32 arms diverged")
+    print(f"{steps:,} steps in {seconds:.1f} s, {busy:.1f} of a processor", end=": ")
+    print(f"error {error:.2f} mrad, {lost} of 32 arms diverged")

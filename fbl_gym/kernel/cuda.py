@@ -32,10 +32,14 @@ from fbl_gym.model.arm import Array
 _THREADS = 128
 """Threads of a block of the GPU."""
 
+_BLOCKS = {0: 4, 1: 4}
+"""Blocks that a multiprocessor must hold at once, by step: fewer registers for each thread. An H200
+makes 1.6 and 1.3 times the steps so, of 65,536 lanes; steps of other classes would be slower."""
+
 _KERNEL = f"""
 typedef long long number;
 extern "C" __device__ void step_lane(number, number, number, number, number, number lane);
-extern "C" __global__ void __launch_bounds__({_THREADS})
+extern "C" __global__ void __launch_bounds__({_THREADS}, BLOCKS)
 run(number a, number b, number c, number d, number e, number lanes) {{
     number lane = blockIdx.x * {_THREADS}ll + threadIdx.x;
     if (lane < lanes) step_lane(a, b, c, d, e, lane);
@@ -82,7 +86,7 @@ def compile_lane(name: int | str, capability: tuple[int, int], ptx: bool = False
     signature, info = types.void(*[types.int64] * 6), {"abi_name": "step_lane"}
     lane, _ = cuda.compile(lane_function(name), signature, cc=capability, abi="c", abi_info=info, output="ltoir")
     options = ProgramOptions(arch=arch, relocatable_device_code=True, link_time_optimization=True, fma=False)
-    kernel = Program(_KERNEL, "c++", options).compile("ltoir").code
+    kernel = Program(_KERNEL.replace("BLOCKS", str(_BLOCKS.get(name, 1))), "c++", options).compile("ltoir").code
     flags = [f"-arch={arch}", "-lto", "-fma=0", *(["-ptx"] if ptx else [])]
     linker, kind = nvjitlink.create(len(flags), flags), "ptx" if ptx else "cubin"
     for part in (lane, kernel):
@@ -120,6 +124,7 @@ class Gpu:
     def __init__(self, device: Any) -> None:
         self._device = device
         self._kernels: dict[int | str, Any] = {}
+        self._grids: dict[int, Any] = {}
 
     def __reduce__(self) -> Any:
         return open_gpu, ()
@@ -183,12 +188,16 @@ class Gpu:
         if name not in self._kernels:
             code = _machine_code(name, tuple(self._device.compute_capability))
             self._kernels[name] = core.ObjectCode.from_cubin(code).get_kernel("run")
-        config = core.LaunchConfig(grid=-(-lanes // _THREADS), block=_THREADS)
-        core.launch(self.stream, config, self._kernels[name], *numbers, lanes)
+        if lanes not in self._grids:
+            self._grids[lanes] = core.LaunchConfig(grid=-(-lanes // _THREADS), block=_THREADS)
+        core.launch(self.stream, self._grids[lanes], self._kernels[name], *numbers, lanes)
 
 
 class TorchGpu(Gpu):
-    """The present GPU of torch, whose tensors and current stream it takes."""
+    """The present GPU of torch, whose tensors and current stream it takes.
+
+    It keeps views of tensors and the stream, since making them takes longer than their work.
+    """
 
     place = "cuda"
 
@@ -197,13 +206,18 @@ class TorchGpu(Gpu):
 
         super().__init__(device)
         self._torch = torch
+        self._views: dict[tuple[Any, ...], Any] = {}
+        self._streams: dict[int, Any] = {}
 
     @property
     def stream(self) -> Any:
         """Return torch's current stream."""
-        from cuda.core import Stream
+        handle = self._torch.cuda.current_stream().cuda_stream
+        if handle not in self._streams:
+            from cuda.core import Stream
 
-        return Stream.from_handle(self._torch.cuda.current_stream().cuda_stream)
+            self._streams[handle] = Stream.from_handle(handle)
+        return self._streams[handle]
 
     def address(self, array: Any) -> int:
         """Return the address of a tensor's first number."""
@@ -213,15 +227,22 @@ class TorchGpu(Gpu):
         """Return a new tensor."""
         return self._torch.empty(shape, dtype=getattr(self._torch, np.dtype(dtype).name), device=self.place)
 
+    def _view(self, array: Any, first: int, shape: tuple[int, ...], dtype: Any = np.float64) -> Any:
+        key = array.data_ptr(), first, shape, dtype
+        if key not in self._views:
+            kind = getattr(self._torch, np.dtype(dtype).name)
+            part = array.view(self._torch.uint8)[first : first + math.prod(shape) * kind.itemsize]
+            self._views[key] = part.view(kind).view(shape)
+        return self._views[key]
+
     def take(self, array: Any, first: int, shape: tuple[int, ...], dtype: Any = np.float64) -> Any:
         """Return a copy of a part of a tensor, which begins at its byte `first`."""
-        out = self.empty(shape, dtype)
-        return out.copy_(array.view(self._torch.uint8)[first : first + out.nbytes].view(out.dtype).view(shape))
+        return self._view(array, first, shape, dtype).clone()
 
     def write(self, array: Any, first: int, values: Any) -> None:
         """Set the numbers of a tensor from `first` on, from an array of the host or the GPU."""
-        values = self._torch.as_tensor(values).reshape(-1)
-        array[first : first + len(values)].copy_(values)
+        values = self._torch.as_tensor(values)
+        self._view(array, 8 * first, tuple(values.shape)).copy_(values)
 
     def read(self, array: Any, host: Array) -> None:
         """Copy the first numbers of a tensor to an array of the host."""
