@@ -25,7 +25,8 @@ from benchmarks.studies.sealed import draw_arm
 from benchmarks.tuning.brief import tasks_of, tune_briefly, write_best
 from benchmarks.tuning.search import Task, open_study, tune
 from fbl_gym.scenarios import Scenario
-from fbl_gym.scenarios.classes import CLASSES, conditions, families
+from fbl_gym.scenarios.class_families import conditions, families
+from fbl_gym.scenarios.classes import CLASSES
 
 WITHIN = 1.5
 """A first choice is good if it errs at most WITHIN times as much as the best tuned law."""

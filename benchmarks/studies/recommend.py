@@ -30,7 +30,8 @@ from fbl_gym.model.arm import ArmParameters, Array, gravity_torque, inverse_dyna
 from fbl_gym.options import Datasheet, Friction, PiecewiseConstantDisturbance, SensorError
 from fbl_gym.records.record import Distribution, ends, middle, scaled
 from fbl_gym.scenarios import Scenario
-from fbl_gym.scenarios.classes import CLASSES, LEAST, conditions
+from fbl_gym.scenarios.class_families import LEAST, conditions
+from fbl_gym.scenarios.classes import CLASSES
 
 Run = Callable[[Sequence[Cell]], Mapping[str, Result]]
 """Runs cells and returns their results by id. A failed one has an error."""

@@ -25,7 +25,8 @@ from benchmarks.run.suite import load
 from benchmarks.seeds import SPLITS
 from fbl_gym import ArrayReference, Scenario
 from fbl_gym.model.arm import ArmParameters, stretched_inertia
-from fbl_gym.scenarios.classes import CLASSES, conditions, families
+from fbl_gym.scenarios.class_families import conditions, families
+from fbl_gym.scenarios.classes import CLASSES
 
 SEVERITY = 3
 """The board has severity 2."""

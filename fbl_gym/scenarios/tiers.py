@@ -4,11 +4,11 @@ from collections.abc import Collection
 
 from fbl_gym.model.arm import ArmParameters
 from fbl_gym.records.checks import check_choice
-from fbl_gym.scenarios import classes, ideal
+from fbl_gym.scenarios import class_tiers, ideal
 from fbl_gym.scenarios.families import Member
 from fbl_gym.scenarios.scenario import Scenario
 
-_TIERS = {"ideal": ideal.TIER, **classes.TIERS}
+_TIERS = {"ideal": ideal.TIER, **class_tiers.TIERS}
 
 TIERS = {name: tier.text for name, tier in _TIERS.items()}
 """The tiers, each with one line."""

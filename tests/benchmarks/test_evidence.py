@@ -14,7 +14,7 @@ from benchmarks.run.runner import run_cell
 from benchmarks.run.suite import Suite
 from benchmarks.studies import sealed
 from fbl_gym import scenarios
-from fbl_gym.scenarios.classes import families
+from fbl_gym.scenarios.class_families import families
 from tests import board_coverage
 
 FAMILIES = tuple(families("servo"))

@@ -16,7 +16,8 @@ from controllers import catalogue
 from controllers.preview import reference_at
 from fbl_gym import ArmParameters, Interface, TwoLinkArmEnv, TwoLinkArmVectorEnv
 from fbl_gym.records.record import number
-from fbl_gym.scenarios.classes import CLASSES, conditions
+from fbl_gym.scenarios.class_families import conditions
+from fbl_gym.scenarios.classes import CLASSES
 from fbl_gym.scenarios.scenario import Scenario
 from tests.controllers.closed_loop import broken_promises, nominal, tracking
 

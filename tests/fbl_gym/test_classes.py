@@ -11,7 +11,8 @@ from fbl_gym import scenarios
 from fbl_gym.interface import class_of
 from fbl_gym.model.arm import TABLE_1, ArmParameters, inverse_dynamics
 from fbl_gym.records.record import ends
-from fbl_gym.scenarios.classes import CLASSES, conditions, families
+from fbl_gym.scenarios.class_families import conditions, families
+from fbl_gym.scenarios.classes import CLASSES
 from fbl_gym.scenarios.scenario import Scenario
 from fbl_gym.scenarios.tiers import MEMBERS as ALL
 
