@@ -19,7 +19,6 @@ from numpy.typing import ArrayLike
 from scipy import special
 
 from fbl_gym.model.arm import Array
-from fbl_gym.records.checks import check_whole
 
 LEVEL = 0.95
 
@@ -48,7 +47,6 @@ def resample(n: int, seed: int | Sequence[int], resamples: int = RESAMPLES) -> A
 
     The first row is of the data, all ones. Each row sums to n.
     """
-    n, resamples = check_whole("n", n, low=1), check_whole("resamples", resamples, low=1)
     return np.vstack([np.ones(n), np.random.default_rng(seed).multinomial(n, np.full(n, 1 / n), size=resamples)])
 
 

@@ -153,7 +153,5 @@ def trust(arguments: argparse.Namespace) -> None:
 
 def add_margins(parser: argparse.ArgumentParser, phase: str, delay: str) -> None:
     """Add the options for the margins that are asked for, each with its meaning."""
-    for name, most, usual, unit, meaning in (
-        ("--least-phase", 180.0, LEAST_PHASE, "DEG", phase), ("--least-delay", 1e3, LEAST_DELAY, "SAMPLES", delay),
-    ):  # fmt: skip
-        add_option(parser, name, partial(bounded, most), usual, unit, meaning)
+    add_option(parser, "--least-phase", partial(bounded, 180.0), LEAST_PHASE, "DEG", phase)
+    add_option(parser, "--least-delay", partial(bounded, 1e3), LEAST_DELAY, "SAMPLES", delay)

@@ -58,7 +58,9 @@ def run(arguments: argparse.Namespace) -> int:
     if arguments.trials > 1:
         title = f"error % on {title}: median (worst 5 %)"
         lines = _trials_table(traces, runs)
-        draw = partial(plot_lines, f"Error over trials of {scenario.name}", [_trials_panel(runs)])
+        bands = (band(np.arange(1.0, len(trials) + 1.0), _errors(trials), policy) for policy, trials in runs.items())
+        panel = Panel("", "trial", "error [%]", tuple(bands), ("linear", "log"))
+        draw = partial(plot_lines, f"Error over trials of {scenario.name}", [panel])
     elif not alone:
         lines = _comparison({policy: rows for policy, (rows,) in runs.items()}, scenario)
         draw = partial(plot_comparison, last, f"Tracking on {scenario.name}")
@@ -121,11 +123,6 @@ def _trials_table(traces: Mapping[str, list[Trace]], runs: Mapping[str, list[Row
             for error, tail, lost in zip(errors, tail_mean(errors), diverged, strict=True)
         ])  # fmt: skip
     return Table(("trial", *runs), [(str(trial), *cells) for trial, cells in enumerate(zip(*columns, strict=True), 1)])
-
-
-def _trials_panel(runs: Mapping[str, list[Rows]]) -> Panel:
-    lines = (band(np.arange(1.0, len(trials) + 1.0), _errors(trials), policy) for policy, trials in runs.items())
-    return Panel("", "trial", "error [%]", tuple(lines), ("linear", "log"))
 
 
 def _errors(trials: Sequence[Rows]) -> Array:

@@ -171,7 +171,34 @@ def read(
     except (ValueError, UserWarning, ImportError, NotImplementedError) as problem:
         raise ValueError(f"{path} must be a table with a header and equal lines: {problem}") from None
     signals, found = _signals(path, table, mapping or {})
-    time, lines = signals["time"][:, 0], table.index
+    position, torque = signals["position"], signals["torque"]
+    time, steps, sample, unit = _times(path, signals["time"][:, 0], found[0].lower(), table.index)
+    _refuse_faults(path, position, steps)
+    dt = max(STEP, round(sample, 4))
+    times = np.arange(time[0], time[-1], dt)
+    impulse = np.concatenate([np.zeros((1, 2)), np.cumsum(torque[:-1] * steps[:, None], axis=0)])
+    held = np.diff(_at(times, time, impulse), axis=0) / dt  # the mean of the held command over each step
+    even = _at(times[:-1], time, position) + zero
+    states = np.hstack([smooth(even, dt, order) for order in (0, 1)])
+    counts = _counts(position)
+    velocity = signals.get("velocity")
+    difference, how = (0, "not logged") if velocity is None else _velocity(velocity, position, time)
+    remarks = (
+        f"columns {'; '.join(found)}" + f"; time is taken to be in {unit}" * (unit != "s"),
+        f"{len(time)} samples in {np.ptp(time):.4g} s, {1 / sample:.4g} Hz, intervals of {1e3 * sample:.3g} ms "
+        f"(99 %: {1e3 * np.quantile(steps, 0.99):.3g}, longest: {1e3 * steps.max():.3g})",
+        "counts per turn: " + ", ".join(f"{n:.0f}" if n else "not found" for n in counts) + f"; velocity: {how}",
+        _commands(torque),
+    )
+    rows = frozenset(row.tobytes() for row in np.hstack([position, torque]))
+    return Log(path.name, dt, even, states, held, counts, difference, sample, rows, remarks)
+
+
+def _times(path: Path, time: Array, column: str, lines: Any) -> tuple[Array, Array, float, str]:
+    """Return the times [n], their intervals [n - 1] and the median of these in s, and their unit.
+
+    The column names the unit, or else the size of the intervals tells it.
+    """
     steps = np.diff(time)
     if len(time) < 200:
         raise ValueError(f"{path} must have 200 samples or more, got {len(time)}")
@@ -180,7 +207,7 @@ def read(
             f"{path}: time must increase, but {back.sum()} rows do not, first line {lines[1:][back][0]}: delete them"
         )
     sample = float(np.median(steps))
-    named = re.findall(r"(?<![a-z])(?:ms|us|ns)(?![a-z])", found[0].lower())  # else by the size of its intervals
+    named = re.findall(r"(?<![a-z])(?:ms|us|ns)(?![a-z])", column)
     unit = next((unit for unit in (*named, "s", "ms", "us", "ns") if FASTEST <= sample * UNITS[unit] <= SLOWEST), "s")
     time, steps, sample = time * UNITS[unit], steps * UNITS[unit], sample * UNITS[unit]
     if not FASTEST <= sample <= SLOWEST:
@@ -192,39 +219,32 @@ def read(
             f"{path} has a gap of {most:.3g} s after {time[steps.argmax()]:g} s: cut it there into two logs, before line "
             f"{lines[steps.argmax() + 1]}"
         )
-    position = signals["position"]
-    speed = np.abs(np.diff(position, axis=0)) / steps[:, None]
-    for name, fastest in zip(("position 1", "position 2"), speed.max(axis=0), strict=True):
-        if fastest == 0.0:
-            raise ValueError(f"{path}: {name} does not change: its encoder is unplugged, or the column is another one")
-        if fastest > MAX_SPEED:
+    return time, steps, sample, unit
+
+
+def _refuse_faults(path: Path, position: Array, steps: Array) -> None:
+    """Raise an error if a reading stays the same or jumps."""
+    fastest = (np.abs(np.diff(position, axis=0)) / steps[:, None]).max(axis=0)
+    for joint, speed in enumerate(fastest, 1):
+        if speed == 0.0:
             raise ValueError(
-                f"{path}: {name} must not jump, got {fastest:.3g} rad/s: unplugged, turns not unwrapped, or degrees "
+                f"{path}: position {joint} does not change: its encoder is unplugged, or the column is another one"
+            )
+        if speed > MAX_SPEED:
+            raise ValueError(
+                f"{path}: position {joint} must not jump, got {speed:.3g} rad/s: unplugged, turns not unwrapped, or degrees "
                 "(--signals position=deg)"
             )
-    dt = max(STEP, round(sample, 4))
-    times = np.arange(time[0], time[-1], dt)
-    impulse = np.concatenate([np.zeros((1, 2)), np.cumsum(signals["torque"][:-1] * steps[:, None], axis=0)])
-    held = np.diff(_at(times, time, impulse), axis=0) / dt  # the mean of the held command over each step
-    even = _at(times[:-1], time, position) + zero
-    states = np.hstack([smooth(even, dt, order) for order in (0, 1)])
-    counts = _counts(position)
-    difference, how = 0, "not logged"
-    if "velocity" in signals:
-        difference, how = _velocity(signals["velocity"], position, time)
-    torque = signals["torque"]
+
+
+def _commands(torque: Array) -> str:
+    """Return a sentence on the largest commands, and how often they occur."""
     peak = np.abs(torque).max(axis=0)
     full = (np.abs(torque) >= peak * (1 - 1e-9)).sum(axis=0) * (peak > 0)
-    remarks = (
-        f"columns {'; '.join(found)}" + f"; time is taken to be in {unit}" * (unit != "s"),
-        f"{len(time)} samples in {np.ptp(time):.4g} s, {1 / sample:.4g} Hz, intervals of {1e3 * sample:.3g} ms "
-        f"(99 %: {1e3 * np.quantile(steps, 0.99):.3g}, longest: {1e3 * most:.3g})",
-        "counts per turn: " + ", ".join(f"{n:.0f}" if n else "not found" for n in counts) + f"; velocity: {how}",
+    return (
         f"commands up to {peak[0]:.3g} and {peak[1]:.3g} N m, "
-        f"{full[0]} and {full[1]} samples of them at that value" + (", perhaps a limit" if full.max() > 20 else ""),
+        f"{full[0]} and {full[1]} samples of them at that value" + (", perhaps a limit" if full.max() > 20 else "")
     )
-    rows = frozenset(row.tobytes() for row in np.hstack([position, torque]))
-    return Log(path.name, dt, even, states, held, counts, difference, sample, rows, remarks)
 
 
 def refuse_twice(logs: Iterable[Log]) -> None:

@@ -95,7 +95,8 @@ class OffPolicy(BaseCallback):
 
 def export(model: BaseAlgorithm) -> Actor:
     """Return the deterministic actor of an SB3 model whose policy is a multilayer perceptron."""
-    modules, output = _modules(model.policy)
+    actor: Any = model.policy.actor
+    modules = [*actor.latent_pi, actor.mu] if hasattr(actor, "latent_pi") else [*actor.mu]
     layers: list[tuple[Array, Array]] = []
     norm: Any = None
     for module in modules:
@@ -110,15 +111,8 @@ def export(model: BaseAlgorithm) -> Actor:
                 weight, norm = weight * gain, None
             layers.append((weight, bias))
     activation = "tanh" if isinstance(modules[1], torch.nn.Tanh) else "relu"
-    return Actor(tuple(layers), activation, output)
+    return Actor(tuple(layers), activation, "tanh")
 
 
 def _arrays(*tensors: torch.Tensor) -> tuple[Array, ...]:
     return tuple(tensor.detach().numpy().astype(float) for tensor in tensors)
-
-
-def _modules(sb3_policy: Any) -> tuple[list[torch.nn.Module], str]:
-    """Return the actor's modules from first to last, and the kind of its output."""
-    if hasattr(sb3_policy.actor, "latent_pi"):
-        return [*sb3_policy.actor.latent_pi, sb3_policy.actor.mu], "tanh"
-    return [*sb3_policy.actor.mu], "tanh"

@@ -8,7 +8,7 @@ import controllers
 from benchmarks.run.rollout import rollout
 from fbl_gym import TABLE_1, TwoLinkArmEnv, scenarios
 from fbl_gym.model.arm import inertia_matrix
-from tests.controllers.closed_loop import EXACT, response, tracking
+from tests.controllers.closed_loop import EXACT, tracking
 
 POSE = (-np.pi / 2, 0.4)
 
@@ -49,18 +49,6 @@ def test_moreno_and_osorios_lyapunov_function_decreases():
 
 
 STILL = {"kind": "minimum-jerk", "points": (POSE,)}
-
-
-def test_the_law_is_linear_within_its_layer():
-    """Exact model, 1 kHz: e' = s - slope e, s' = -k1 s / layer^1/2 - z, z' = k2 s / layer, from e = 0.02."""
-    slope, bound, layer, e = 10.0, 50.0, 0.5, 0.02
-    env = TwoLinkArmEnv(**EXACT | {"reference": STILL}, initial_error=(-e, 0.0))
-    policy = controllers.make("sliding-mode", env, slope=slope, bound=bound, layer=layer)
-    errors, _ = tracking(policy, env, 1000)
-    k1, k2 = 1.5 * np.sqrt(bound / layer), 1.1 * bound / layer
-    rates = [[-slope, 1.0, 0.0], [0.0, -k1, -1.0], [0.0, k2, 0.0]]
-    expected = response(rates, [e, slope * e, 0.0], 1e-3, 1000)
-    assert np.abs(errors[:, 0] - expected).max() < 0.02 * e
 
 
 def test_no_limit_cycle_is_left_behind_a_delay():
