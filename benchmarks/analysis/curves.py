@@ -1,7 +1,5 @@
 """Learning curves of training runs, grouped over their training seeds."""
 
-from __future__ import annotations
-
 import io
 from collections.abc import Sequence
 from dataclasses import dataclass

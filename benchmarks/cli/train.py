@@ -1,7 +1,5 @@
 """`fbl-gym train`."""
 
-from __future__ import annotations
-
 import argparse
 import json
 from collections.abc import Sequence
@@ -32,13 +30,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add("--period", type=float, default=0.0, metavar="S", help="time between two decisions [s] (each step)")
     add("--sensors", nargs="+", choices=SENSORS, help="sensors that the agent observes (those of all scenarios)")
     add("--scales", nargs=3, type=float, metavar=("RAD", "RAD/S", "RAD/S^2"), help="scales of the errors (0.1 1 10)")
-    add(
-        "--fine",
-        nargs=2,
-        type=float,
-        metavar=("RAD", "RAD/S"),
-        help="observe asinh(e / s) of an error e, with these s (e)",
-    )
+    fine = "observe asinh(e / s) of an error e, with these s (e)"
+    add("--fine", nargs=2, type=float, metavar=("RAD", "RAD/S"), help=fine)
     add("--integral", type=float, default=0.0, metavar="S", help="observe the mean error over this time [s] (none)")
     add("--memory", type=float, default=0.0, metavar="S", help="observe mean squares over this time [s] (none)")
     add("--preview", type=float, default=0.0, metavar="S", help="observe the reference so far ahead [s] (not at all)")

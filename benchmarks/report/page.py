@@ -28,19 +28,12 @@ def write_page(path: Path, board: Board, results: Sequence[Result], command: str
     made = {"computed with": "command", "on": "machine", "at": "time", "Python": "python"}
     facts = {"board": board.version, "command": command} | {title: latest.get(key, "") for title, key in made.items()}
     facts |= latest.get("packages", {})
-    figure, plotly = pareto(board), get_plotlyjs()
+    figure = pareto(board)
     # In a script element only "<" could end it; JSON reads the escaped character as the same.
     data = json.dumps(figure, ensure_ascii=False, allow_nan=False).replace("<", "\\u003c")
     template = resources.files("benchmarks.report").joinpath("page.html").read_text(encoding="utf-8")
     page = Environment(
         autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True, keep_trailing_newline=True
     ).from_string(template)
-    parts = {
-        "board": board,
-        "columns": columns(board),
-        "facts": facts,
-        "figure": figure,
-        "data": data,
-        "plotly": plotly,
-    }
-    write_text(path, page.render(**parts))
+    parts = {"board": board, "columns": columns(board), "facts": facts, "figure": figure, "data": data}
+    write_text(path, page.render(**parts, plotly=get_plotlyjs()))

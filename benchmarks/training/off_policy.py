@@ -1,7 +1,5 @@
 """Algorithms of stable-baselines3 and sb3-contrib as learners, and their actors as plain arrays."""
 
-from __future__ import annotations
-
 import copy
 import sys
 from typing import Any

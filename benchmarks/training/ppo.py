@@ -5,8 +5,6 @@ standard deviation. The value also sees the real arm, which the policy does not 
 asymmetric actor critic).
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from itertools import pairwise
 from typing import Any

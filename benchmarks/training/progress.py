@@ -1,7 +1,5 @@
 """The progress of a training run: validations, the best agent, and the checkpoint to go on from."""
 
-from __future__ import annotations
-
 import os
 import platform
 import sys

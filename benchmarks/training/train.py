@@ -8,8 +8,6 @@ A run writes to its folder:
     tensorboard/               logs of stable-baselines3
 """
 
-from __future__ import annotations
-
 import json
 import sys
 from dataclasses import asdict

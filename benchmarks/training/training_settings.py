@@ -1,7 +1,5 @@
 """The settings of a training run, as plain data; imports neither torch nor stable-baselines3."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Mapping
 from dataclasses import MISSING, dataclass, field

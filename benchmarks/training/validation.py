@@ -1,7 +1,5 @@
 """The tracking error on the validation seeds, by which training chooses the best agent."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Sequence
 from functools import partial
 from typing import Any

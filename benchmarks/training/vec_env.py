@@ -1,7 +1,5 @@
 """The batched environment for training: with an agent's view of it, and as SB3's `VecEnv`."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

@@ -14,16 +14,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from fbl_gym.model.arm import ArmParameters, stretched_inertia
-from fbl_gym.options import (
-    ArrayReference,
-    DriveChange,
-    FlexibleLink,
-    FourierReference,
-    FrictionChange,
-    Knock,
-    MinimumJerk,
-    PickUp,
-)
+from fbl_gym.options import ArrayReference, MinimumJerk
 from fbl_gym.records.record import ends, merged
 from fbl_gym.scenarios.class_families import BOX, Scale, conditions, families, log_uniform, middle_of, uniform
 from fbl_gym.scenarios.classes import CLASSES, RobotClass
@@ -77,7 +68,7 @@ def _practice(robot: str, family: str, severity: int, arm: ArmParameters | None)
     task = _turn(robot, family, severity, arm, _PRACTICE_ARMS)
     speed = 1.5 if family == "saturation" else 1.0
     frequency = speed * 0.24 / CLASSES[robot].move_time
-    motion = FourierReference(amplitude=(1.5, 2.0), frequency=frequency, harmonics=4)
+    motion = {"kind": "fourier", "amplitude": (1.5, 2.0), "frequency": frequency, "harmonics": 4}
     return task | {"reference": motion, "duration": 4.8}
 
 
@@ -101,12 +92,16 @@ def _surprise(robot: str, family: str, _: int, arm: ArmParameters | None) -> dic
     ranges = task[option][field]
     told = tuple(map(middle_of, ranges)) if kind.springs else middle_of(ranges)
     truth = [{"choice": (k / 2, 2 * k)} for k in np.ravel(told)]
+
+    def event(kind: str, **numbers: Any) -> dict[str, Any]:
+        return {"events": [{"kind": kind, "time": time, **numbers}]}
+
     changes: dict[str, Any] = {
-        "payload": {"events": (PickUp(time=time, mass=0.5 * arm.m2),)},
-        "knock": {"events": (Knock(time=time, impulse=(2.0 * stretched_inertia(arm)[0], 2.0 * (p2 + p3))),)},
-        "friction": {"events": (FrictionChange(time=time, factor=3.0),)},
-        "drive": {"events": (DriveChange(time=time, factor=(0.75, 1.0)),)},
-        "bend": {"link": FlexibleLink((log_uniform((12.0, 25.0)),) * 2, damping=0.05)},
+        "payload": event("pick-up", mass=0.5 * arm.m2),
+        "knock": event("knock", impulse=(2.0 * stretched_inertia(arm)[0], 2.0 * (p2 + p3))),
+        "friction": event("friction", factor=3.0),
+        "drive": event("drive", factor=(0.75, 1.0)),
+        "bend": {"link": {"frequency": log_uniform((12.0, 25.0)), "damping": 0.05}},
         "arm": {},
         "datasheet": {option: {field: truth if kind.springs else truth[0]}, "datasheet": {field: told}},
     }

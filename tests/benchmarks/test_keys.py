@@ -150,7 +150,8 @@ def edit(monkeypatch, module):
     ("policy", "module", "stale"),
     [
         ("pid-flm", "controllers.paper.pid", True), ("pid-flm", "fbl_gym.kernel.arm.physics", True),
-        ("pid-flm", "benchmarks.run.metrics", True), ("ppo-blend@1", "controllers.laws.lqg_elastic", True),
+        ("pid-flm", "benchmarks.run.metrics", True), ("pid-flm", "benchmarks.run.loop", True),
+        ("ppo-blend@1", "controllers.laws.lqg_elastic", True),
         ("pid-flm", "controllers.laws.adrc", False), ("pid-flm", "fbl_gym.view.render", False),
         ("pid-flm", "benchmarks.policies.spec", False), ("pid-flm", "benchmarks.cli.tune", False),
         ("law.py", "controllers.laws.sliding_mode", True), ("law.py", "controllers.laws.adrc", False),
@@ -234,12 +235,6 @@ def test_every_module_of_the_arm_is_in_the_key():
         path.relative_to(ROOT / "fbl_gym").parts[0] for path in (ROOT / "fbl_gym").rglob("*.py") if path not in shared
     }
     assert others == {"view", "scenarios"}
-
-
-def test_the_code_of_margins_is_in_every_key():
-    """Results of a board's nominal scenario have them."""
-    shared = {path.name for pattern in keys.SHARED for path in ROOT.glob(pattern)}
-    assert {"linearize.py", "loop.py", "true_arm.py", "metrics.py"} <= shared
 
 
 def test_the_key_follows_the_version_of_an_installed_package(tmp_path):

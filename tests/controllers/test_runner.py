@@ -292,36 +292,42 @@ READINGS = {  # the reading, of the true one and that at the fault; the reason; 
 }
 
 
-def run_page(monkeypatch, *, reading=None, at_step=lambda k: None, text=LOOP):
+@pytest.fixture
+def run_page(tmp_path, monkeypatch):
     """Run the page's loop; return the robot with all torques and velocities, the runner, and the error."""
-    robots = []
-
-    class Robot(TwoLinkArmEnv):
-        def __init__(self, *args, **options):
-            super().__init__(*args, **options)
-            self.calls, self.torques, self.speeds, self.at_fault = 0, [], [], None
-            robots.append(self)
-
-        def step(self, torque):
-            self.calls += 1
-            at_step(self.calls)
-            self.torques.append(np.array(torque))
-            observation, *rest = super().step(torque)
-            self.speeds.append(np.abs(self.truth.velocity).max())
-            if reading is not None and len(self.torques) >= FAULT:
-                position = observation[:2].copy()
-                self.at_fault = position if self.at_fault is None else self.at_fault
-                observation[:2] = reading(position, self.at_fault)
-            return observation, *rest
-
-    monkeypatch.setattr("fbl_gym.TwoLinkArmEnv", Robot)
+    monkeypatch.chdir(tmp_path)
     monkeypatch.setattr("controllers.runner.sleep", lambda seconds: None)
-    names, error = {}, None
-    try:
-        exec(compile(text, "page", "exec"), names)
-    except BaseException as problem:
-        error = problem
-    return robots[0], names["runner"], error
+
+    def run(*, reading=None, at_step=lambda k: None, text=LOOP):
+        robots = []
+
+        class Robot(TwoLinkArmEnv):
+            def __init__(self, *args, **options):
+                super().__init__(*args, **options)
+                self.calls, self.torques, self.speeds, self.at_fault = 0, [], [], None
+                robots.append(self)
+
+            def step(self, torque):
+                self.calls += 1
+                at_step(self.calls)
+                self.torques.append(np.array(torque))
+                observation, *rest = super().step(torque)
+                self.speeds.append(np.abs(self.truth.velocity).max())
+                if reading is not None and len(self.torques) >= FAULT:
+                    position = observation[:2].copy()
+                    self.at_fault = position if self.at_fault is None else self.at_fault
+                    observation[:2] = reading(position, self.at_fault)
+                return observation, *rest
+
+        monkeypatch.setattr("fbl_gym.TwoLinkArmEnv", Robot)
+        names, error = {}, None
+        try:
+            exec(compile(text, "page", "exec"), names)
+        except BaseException as problem:
+            error = problem
+        return robots[0], names["runner"], error
+
+    return run
 
 
 def check_ramp(torques):
@@ -332,18 +338,12 @@ def check_ramp(torques):
     assert not np.any(torques[-1])
 
 
-@pytest.fixture
-def in_folder(tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-
-
-@pytest.mark.usefixtures("in_folder")
 @pytest.mark.parametrize("fault", READINGS)
 @pytest.mark.parametrize("policy", ["computed-torque-dob@tuned", "pid-gravity@tuned", "lqg-elastic@tuned"])
-def test_the_loop_of_the_page_survives_a_false_reading(policy, fault, monkeypatch):
+def test_the_loop_of_the_page_survives_a_false_reading(policy, fault, run_page):
     reading, reason, latest = READINGS[fault]
     text = LOOP.replace("computed-torque-dob@tuned", policy)
-    robot, runner, error = run_page(monkeypatch, reading=reading, text=text)
+    robot, runner, error = run_page(reading=reading, text=text)
     assert error is None
     assert re.search(reason, runner.stopped), runner.stopped
     stop = len(robot.torques) - 50
@@ -353,9 +353,8 @@ def test_the_loop_of_the_page_survives_a_false_reading(policy, fault, monkeypatc
     assert not runner.stopping
 
 
-@pytest.mark.usefixtures("in_folder")
 @pytest.mark.parametrize("failure", [RuntimeError("no solution"), SystemExit(3), KeyboardInterrupt()], ids=repr)
-def test_the_loop_of_the_page_survives_a_policy_that_fails(failure, monkeypatch):
+def test_the_loop_of_the_page_survives_a_policy_that_fails(failure, monkeypatch, run_page):
     decide, calls = ComputedTorque.predict, []
 
     def predict(*args, **options):
@@ -365,47 +364,44 @@ def test_the_loop_of_the_page_survives_a_policy_that_fails(failure, monkeypatch)
         return decide(*args, **options)
 
     monkeypatch.setattr(ComputedTorque, "predict", predict)
-    robot, runner, error = run_page(monkeypatch)
+    robot, runner, error = run_page()
     assert error is None
     assert runner.stopped == (str(failure) or repr(failure))
     assert len(robot.torques) == FAULT - 1 + 50
     check_ramp(robot.torques)
 
 
-@pytest.mark.usefixtures("in_folder")
-def test_the_loop_of_the_page_survives_a_late_reading(monkeypatch):
+def test_the_loop_of_the_page_survives_a_late_reading(run_page):
     text = LOOP.replace("time=k *", "time=(k + 2 * (k >= 50)) *")
-    robot, runner, _ = run_page(monkeypatch, text=text)
+    robot, runner, _ = run_page(text=text)
     assert runner.stopped.startswith("time must go on by at most 0.02 s")
     assert len(robot.torques) == FAULT + 50
     check_ramp(robot.torques)
 
 
-@pytest.mark.usefixtures("in_folder")
 @pytest.mark.parametrize("failure", [KeyboardInterrupt(), SystemExit(3), OSError("cable"), None], ids=repr)
-def test_the_loop_of_the_page_ends_in_a_ramp(failure, monkeypatch):
+def test_the_loop_of_the_page_ends_in_a_ramp(failure, run_page):
     """After the motion, or an exception of the user's code, which comes once more in the ramp."""
 
     def at_step(call):
         if failure is not None and call in (FAULT, FAULT + 20, FAULT + 50):
             raise failure
 
-    robot, runner, error = run_page(monkeypatch, at_step=at_step)
+    robot, runner, error = run_page(at_step=at_step)
     assert error is failure
     assert runner.stopped == ("" if failure is None else str(failure) or repr(failure))
     assert len(robot.torques) == (400 if failure is None else FAULT - 1) + 50
     check_ramp(robot.torques)
 
 
-@pytest.mark.usefixtures("in_folder")
-def test_a_full_disk_ends_the_log_alone(monkeypatch):
+def test_a_full_disk_ends_the_log_alone(monkeypatch, run_page):
     full, path = OSError(28, "No space left on device"), Mock()
     path.return_value.open.return_value = Mock(
         write=Mock(side_effect=[None] * FAULT + [full]), close=Mock(side_effect=full)
     )
-    whole, _, _ = run_page(monkeypatch)
+    whole, _, _ = run_page()
     monkeypatch.setattr("controllers.runner.Path", path)
-    robot, runner, error = run_page(monkeypatch)
+    robot, runner, error = run_page()
     assert error is None
     assert "No space left on device" in runner.log_error
     assert runner.stopped == ""

@@ -13,7 +13,7 @@ from benchmarks.policies.spec import resolve
 from benchmarks.report.columns import columns
 from benchmarks.run.cell import Cell
 from benchmarks.run.runner import run_cell
-from benchmarks.training.vec_env import ArmVecEnv, VectorAdapter
+from benchmarks.training.vec_env import VectorAdapter
 from fbl_gym import TwoLinkArmEnv, TwoLinkArmVectorEnv, scenarios
 from fbl_gym.model.arm import forward_dynamics
 from tests.benchmarks.rl.agents import PAYLOAD_OPTIONS, random_actor
@@ -139,11 +139,6 @@ def test_an_agent_observes_the_datasheet_of_arm_springs_and_sensors():
 def test_wrong_settings_are_refused(settings, message):
     with pytest.raises(ValueError, match=message):
         AdapterSettings(**settings)
-
-
-def test_another_autoreset_mode_is_refused():
-    with pytest.raises(ValueError, match="SameStep"):
-        ArmVecEnv(VectorAdapter(TwoLinkArmVectorEnv(2), AdapterSettings()))
 
 
 def test_a_torque_is_a_share_of_the_drives_limits():
