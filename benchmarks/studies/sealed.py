@@ -1,8 +1,8 @@
 """A fresh draw: does the board's order hold on arms and seeds that no one has tuned on?
 
 `python -m benchmarks.studies.sealed` takes the board from the store. Arms, motions and seeds are
-drawn from the board's version, a hash of its code: each change of the code draws others. A draw
-that was read before a change is validation; the last one before a release tests it.
+drawn from the board's version, a hash of its code, so whoever changes the code chooses the draw:
+that is validation. `--number` draws from a number that nobody could know before the release.
 """
 
 import argparse
@@ -32,14 +32,14 @@ SEVERITY = 3
 """The board has severity 2."""
 
 
-def draw(version: str, robot: str, family: str) -> tuple[Scenario, tuple[int, ...]]:
+def draw(number: int, robot: str, family: str) -> tuple[Scenario, tuple[int, ...]]:
     """Return the task of a class's family, with another arm and motion, and its 32 seeds.
 
     The motion is a cubic spline through points of the board's box, without rest. Neither the board
     nor practice has this kind. An arm is drawn again if its springs are too fast for the physics
     step, behind a tiny rotor.
     """
-    random = np.random.default_rng((int(version, 16), *map(ord, family)))
+    random = np.random.default_rng((number, *map(ord, family)))
     for _ in range(100):
         options = conditions(draw_arm(random, robot), robot, family, SEVERITY)
         moves = options["reference"]
@@ -71,13 +71,15 @@ def tau(board: Board, rows: Sequence[int], names: Sequence[str], sealed: Runs) -
 
     Args:
         board: with the families.
-        rows: indices of the board's policies that are compared.
+        rows: indices of the board's policies that are compared, the best first.
         names: of the families.
         sealed: their runs [rows x families x seeds], in the order of their names.
     """
     logs = sealed.logs.mean(axis=-1)
+    errors = board.error().value[rows]
     return {
-        "all": float(stats.kendalltau(board.error().value[rows], logs.mean(axis=1)).statistic),
+        "all": float(stats.kendalltau(errors, logs.mean(axis=1)).statistic),
+        "first ten": float(stats.kendalltau(errors[:10], logs[:10].mean(axis=1)).statistic),
         **{
             family: float(stats.kendalltau(board.error(board.families[family]).value[rows], logs[:, k]).statistic)
             for k, family in enumerate(names) if family in board.families
@@ -93,19 +95,23 @@ def main(argv: Sequence[str] | None = None) -> None:
     parser.add_argument("--seeds", type=int, metavar="N", help="test seeds of the board (the suite's)")
     parser.add_argument("--workers", type=int, default=os.cpu_count() or 1, metavar="N", help="processes")
     parser.add_argument("--store", type=Path, default=Path("results/board"), metavar="DIR", help="folder of results")
+    parser.add_argument("--number", type=int, metavar="N", help="whole number to draw from (the board's version)")
     arguments = parser.parse_args(argv)
     store = Store(arguments.store)
     cells = load(arguments.suite).build(arguments.policies, (), arguments.seeds).cells
     board = assemble([result for cell in cells if (result := store.find(cell))], cells)
     names = tuple(families(arguments.suite))
-    tasks = [draw(board.version, arguments.suite, family) for family in names]
+    number = int(board.version, 16) if arguments.number is None else arguments.number
+    if number < 0:
+        parser.error(f"argument --number: must be 0 or more, got {number}")
+    tasks = [draw(number, arguments.suite, family) for family in names]
     first: dict[str, PolicySpec] = {board.policies[i]: board.specs[i] for i in board.order if i in board.ranked}
     sealed = {(name, task.name): Cell(spec, task, seeds) for name, spec in first.items() for task, seeds in tasks}
     results = {result.cell.id: result for _, result in run_cells([*sealed.values()], store, workers=arguments.workers)}
     table = {name: [results[sealed[name, task.name].id] for task, _ in tasks] for name in first}
     table = {name: row for name, row in table.items() if not any(result.error for result in row)}
     runs = Runs.of([*table.values()])
-    print(f"The sealed test of the board {board.version}: {len(tasks)} families, 32 seeds each")
+    print(f"The board {board.version} on a draw from {number}: {len(tasks)} families, 32 seeds each")
     print("| policy | sealed error % | diverged % |\n| --- | --- | --- |")
     for name, logs, diverged in zip(table, runs.logs, runs.diverged, strict=True):
         print(f"| `{name}` | {np.exp(logs.mean()):.3g} | {100 * diverged.mean():.2g} |")

@@ -32,7 +32,7 @@ from fbl_gym.model.arm import Array
 _THREADS = 128
 """Threads of a block of the GPU."""
 
-_BLOCKS = {0: 4, 1: 4}
+_BLOCKS: dict[int | str, int] = {0: 4, 1: 4}
 """Blocks that a multiprocessor must hold at once, by step: fewer registers for each thread. An H200
 makes 1.6 and 1.3 times the steps so, of 65,536 lanes; steps of other classes would be slower."""
 
