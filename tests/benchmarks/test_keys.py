@@ -105,12 +105,15 @@ def test_the_key_follows_the_package_of_an_external_policy(folder, tmp_path, mon
     ("declares", "error"),
     [
         ("kind = 'foo'", "kind"), ("access = 'all'", "access"), ("preview = 'far'", "must be a finite number not below 0"),
+        *[(f"preview = float('{x}')", "preview of ") for x in ("nan", "1e9")],
+        *[(f"data_files = ('{x}',)", f"must exist, but there is no file '{x}'") for x in ("K.txt", "weights/*.bin")],
         ("data_files = (1,)", "data_files of"), ("data_files = 'gain.txt'", "data_files of"),
     ],
 )  # fmt: skip
 def test_a_wrong_declaration_is_a_failed_cell(declares, error, tmp_path):
     (tmp_path / "law.py").write_text(f"{SUBCLASS}    access = 'oracle'\n    {declares}\n")
-    result = run_cell(Cell(str(tmp_path / "law.py"), "nominal", (0,)))
+    result = run_cell(cell := Cell(str(tmp_path / "law.py"), "nominal", (0,)))
+    assert cell.key
     assert result.rows == ()
     assert error in result.error
 

@@ -1,4 +1,4 @@
-"""Rollouts: repeated trials, signals of `evaluate --trace`, sweeps over options, and tables for LaTeX."""
+"""Rollouts: `benchmarks.evaluate`, repeated trials, signals of `evaluate --trace`, sweeps over options, tables for LaTeX."""
 
 import csv
 import dataclasses
@@ -7,9 +7,11 @@ import numpy as np
 import pytest
 from scipy.io import loadmat
 
+import benchmarks
 import controllers
 from benchmarks.report.latex import escape, write_table
 from benchmarks.run.expansion import with_option
+from benchmarks.run.metrics import measure
 from benchmarks.run.rollout import rollout, rollout_trials
 from benchmarks.run.suite import load
 from benchmarks.run.traces import table
@@ -202,3 +204,29 @@ def test_commands_write_their_table(line, least, columns, folder, fbl_gym):
     body = (folder / "table.tex").read_text().split("\\midrule\n")[1].split("\\bottomrule")[0].splitlines()
     assert len(body) >= least
     assert all(row.count("&") >= columns - 1 and row.endswith(r"\\") for row in body)
+
+
+NOMINAL = scenarios.get("servo-nominal").replace(duration=0.5)
+
+
+def test_the_table_has_the_metrics_of_each_run():
+    runs = benchmarks.evaluate("pid-flm", NOMINAL, seeds=2, kp=50.0)
+    assert runs.to_dict("records") == [
+        {name: row[name] for name in runs.columns} for row in measure(rollout("pid-flm", NOMINAL, [0, 1], {"kp": 50.0}))
+    ]
+    assert list(runs.index) == [0, 1]
+    assert "overshoot_pct" not in runs.columns  # of steps
+    assert list(benchmarks.evaluate("zero", NOMINAL, seeds=[7]).index) == [7]
+
+
+@pytest.mark.parametrize(
+    ("given", "message"),
+    [
+        ({"seeds": 0}, "seeds must be"),
+        ({"k": 1.0}, "argument of pid-flm 'k'"),
+        ({"scenario": "servo-nominl"}, "nominal"),
+    ],
+)
+def test_a_mistake_is_named(given, message):
+    with pytest.raises(ValueError, match=message):
+        benchmarks.evaluate(**{"policy": "pid-flm", "scenario": NOMINAL, **given})

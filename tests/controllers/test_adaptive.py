@@ -1,4 +1,4 @@
-"""The paper's adaptive controller on its figures 6a and 6b, its limits, and gain scheduling by equation (46)."""
+"""The paper's cascade, its adaptive controller on its figures 6a and 6b, and gain scheduling by equation (46)."""
 
 import numpy as np
 import pytest
@@ -78,3 +78,18 @@ def test_every_form_is_full_at_rest_and_none_at_speed():
     np.testing.assert_allclose(factors["fuzzy"][1], factors["soft"][1], rtol=1e-9)
     assert list(schedule(0.999 * v[1:2], alpha, 1e-3, "hard")[0]) == [21.0, 21.0]
     assert list(schedule(1.001 * v[1:2], alpha, 1e-3, "hard")[0]) == [1.0, 1.0]
+
+
+def test_feed_forward_tracks_a_moving_reference():
+    scenario = scenarios.get("paper-8").replace(friction=None, duration=4.0)
+    traces = (rollout("cascade-flm", scenario, [0], {"feedforward": share}) for share in (0.0, 1.0))
+    without, with_it = (measure(trace)[0]["error_pct"] for trace in traces)
+    assert with_it < 0.2 * without
+
+
+def test_a_known_friction_that_varies_is_refused():
+    env = TwoLinkArmEnv()
+    with pytest.raises(ValueError, match=r"friction must have fixed numbers and no load, .* got Friction"):
+        controllers.make("cascade-flm", env, friction={"coulomb": {"uniform": [1.0, 2.0]}})
+    with pytest.raises(ValueError, match=r"no load, as in equation \(22\), got .*load=\(0.2"):
+        controllers.make("cascade-flm", env, friction={"load": 0.2})

@@ -1,17 +1,10 @@
-"""Episodes of environments with many options, for tests of what holds whatever the options are."""
+"""Episodes: with many options, in pairs with and without one, and of an arm with dry friction."""
+
+import functools
 
 import numpy as np
 
-from fbl_gym import (
-    Actuator,
-    Friction,
-    Noise,
-    ParameterError,
-    SensorError,
-    SineDisturbance,
-    TwoLinkArmEnv,
-    TwoLinkArmVectorEnv,
-)  # fmt: skip
+from fbl_gym import ArmParameters, TwoLinkArmEnv, TwoLinkArmVectorEnv, options
 
 ID = "fbl_gym/TwoLinkArm-v0"
 TRACKING = "fbl_gym/TwoLinkArmTracking-v0"
@@ -20,10 +13,11 @@ TIGHT = {"low": (-2.2, -0.9), "high": (-1.2, 0.6), "velocity": (1.0, 1.5)}
 """Constraints that an arm exceeds now and then."""
 
 RECORDS = {
-    "parameter_error": ParameterError(ratio={"m2": 2.0}, radius=0.5, payload={"mass": 3.0, "pick_up": 0.2}),
-    "noise": Noise(position=SensorError(sigma=0.01, bias=1e-3, quantization=1e-3), velocity=0.02),
-    "friction": Friction(coulomb=5.0, stiction=(3.0, 2.0)), "disturbance": SineDisturbance(amplitude=10.0),
-    "actuator": Actuator(delay=0.015, lag=0.02), "reference": {"kind": "filtered-steps", "bandwidth": 6.0},
+    "parameter_error": options.ParameterError(ratio={"m2": 2.0}, radius=0.5, payload={"mass": 3.0, "pick_up": 0.2}),
+    "noise": options.Noise(position=options.SensorError(sigma=0.01, bias=1e-3, quantization=1e-3), velocity=0.02),
+    "friction": options.Friction(coulomb=5.0, stiction=(3.0, 2.0)),
+    "disturbance": options.SineDisturbance(amplitude=10.0),
+    "actuator": options.Actuator(delay=0.015, lag=0.02), "reference": {"kind": "filtered-steps", "bandwidth": 6.0},
     "preview": 2, "duration": 1.0,
 }  # fmt: skip
 """One of each kind of option, as records where there is one."""
@@ -66,3 +60,60 @@ def episode(env, steps=60, seed=5):
         observation, reward, *_ = env.step(rng.uniform(-0.3, 0.3, 2))
         rows.append(np.append(observation, reward))
     return np.array(rows)
+
+
+# Pairs of runs with and without an option, with the same seed and torques.
+
+LANES = 64
+WAYS = ("position", "velocity", "acceleration")
+PLANT = (*WAYS, "applied_torque", "disturbance", "friction_torque", "lumped", "reference")
+
+
+def torques(k, lanes=LANES):
+    """Return torques [lanes x 2] that move the arm, a function of the step."""
+    phase = np.arange(lanes)[:, None] + np.array([0.0, 1.0])
+    return np.array([150.0, 40.0]) * np.sin(0.05 * k + phase) + np.array([-50.0, -10.0])
+
+
+def play(steps=100, lanes=LANES, seed=0, **options):
+    """Return the layout, observations [steps + 1 x lanes x size] and truths of a run under `torques`."""
+    env = TwoLinkArmVectorEnv(lanes, action="torque", limits={"position": 100.0}, **options)
+    observations, truths = [env.reset(seed=seed)[0]], [env.truth]
+    for k in range(steps):
+        observations.append(env.step(torques(k, lanes))[0])
+        truths.append(env.truth)
+    return env.layout, np.array(observations), truths
+
+
+def same(ours, theirs, *names):
+    """Return True if the truths of two runs agree to the bit in the named fields."""
+    return all(
+        np.array_equal(getattr(a, name), getattr(b, name)) for a, b in zip(ours, theirs, strict=True) for name in names
+    )
+
+
+@functools.cache
+def plain():
+    """Return the run without any option: layout, observations, truths."""
+    return play()
+
+
+def watch(*names, steps=150, torque=(-50.0, -10.0), seed=0, **options):
+    """Return fields of the truth [steps + 1 x ...] of one arm with steps of 1 ms under a held torque."""
+    env = started(**{"action": "torque", "control_dt": 1e-3, "physics_dt": 1e-3, **options}, seed=seed)
+    truths = truths_of(env, [torque(k) if callable(torque) else torque for k in range(steps)])
+    return tuple(np.array([getattr(truth, name) for truth in truths]) for name in names)
+
+
+# An arm with dry friction, and its breakaway torques.
+
+FLAT = ArmParameters(gravity=0.0)
+STILL = {"kind": "minimum-jerk", "points": ((0.4, 0.7),)}
+DRY = {"coulomb": (20.0, 8.0), "stiction": (10.0, 4.0), "v_s": 1e-3}
+BREAKAWAY = np.array([30.0, 12.0])
+
+
+def flat(**options):
+    """Return an arm at rest without gravity; its load is the applied torque alone."""
+    still = {"arm": FLAT, "action": "torque", "actuator": None, "reference": STILL, "friction": DRY}
+    return started(**{**still, **options})

@@ -5,7 +5,7 @@ import pytest
 
 import controllers
 from fbl_gym import TwoLinkArmEnv, TwoLinkArmTrackingEnv, TwoLinkArmTrackingVectorEnv
-from tests.fbl_gym.paired_runs import play, torques
+from tests.fbl_gym.episodes import play, torques
 
 
 def test_the_torque_limit_clips_the_applied_torque():

@@ -4,8 +4,7 @@ import numpy as np
 from scipy import stats
 
 from fbl_gym import TwoLinkArmVectorEnv
-from tests.fbl_gym.episodes import started_batch
-from tests.fbl_gym.paired_runs import play, same
+from tests.fbl_gym.episodes import play, same, started_batch
 
 
 def levels(**options):

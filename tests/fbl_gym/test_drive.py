@@ -6,8 +6,7 @@ from scipy.integrate import solve_ivp
 
 from fbl_gym import TABLE_1, TwoLinkArmEnv
 from fbl_gym.model.arm import forward_dynamics, gravity_torque
-from tests.fbl_gym.episodes import started, started_batch, truths_of
-from tests.fbl_gym.paired_runs import PLANT, plain, play, same, torques, watch
+from tests.fbl_gym.episodes import PLANT, plain, play, same, started, started_batch, torques, truths_of, watch
 
 JUMP = np.array([120.0, -25.0])
 TIMES = np.arange(101) * 1e-3

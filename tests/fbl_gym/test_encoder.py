@@ -5,7 +5,7 @@ import pytest
 from scipy.signal import lfilter
 
 from fbl_gym import TwoLinkArmVectorEnv
-from tests.fbl_gym.paired_runs import PLANT, plain, play, same
+from tests.fbl_gym.episodes import PLANT, plain, play, same
 
 
 def readings(**options):

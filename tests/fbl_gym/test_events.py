@@ -5,8 +5,7 @@ import pytest
 
 from fbl_gym import TABLE_1, ArmParameters
 from fbl_gym.model.arm import inertia_matrix, with_rotors
-from tests.fbl_gym.episodes import started, truths_of
-from tests.fbl_gym.paired_runs import watch
+from tests.fbl_gym.episodes import started, truths_of, watch
 
 MOVING = {"reference": {"kind": "sine", "amplitude": 0.8, "frequency": 0.7, "phase": (0.0, 0.5)}}
 FIELDS = ("position", "velocity", "lumped", "payload", "friction_torque", "applied_torque")

@@ -9,9 +9,7 @@ from scipy.integrate import solve_ivp
 
 from fbl_gym import TwoLinkArmEnv
 from fbl_gym.model.arm import forward_dynamics
-from tests.fbl_gym.dry_arm import DRY, FLAT, flat
-from tests.fbl_gym.episodes import started
-from tests.fbl_gym.paired_runs import watch
+from tests.fbl_gym.episodes import DRY, FLAT, flat, started, watch
 
 
 @pytest.mark.parametrize("v_s", [(1e-3, 2e-3), (0.5, 0.9)])

@@ -1,11 +1,16 @@
-"""`Interface`: a policy knows what a datasheet states of drive and sensors, and no draw or error."""
+"""`Interface`: a policy knows what a datasheet states, perhaps falsely, of drive, sensors and springs, and no draw or error."""
 
 import dataclasses
+import math
 
 import numpy as np
 import pytest
 
-from fbl_gym import TwoLinkArmEnv
+from benchmarks.cli.show import options
+from benchmarks.run.expansion import with_option
+from controllers import make
+from fbl_gym import Scenario, TwoLinkArmEnv, TwoLinkArmVectorEnv, scenarios
+from tests.controllers.closed_loop import tracking
 
 IDEAL = TwoLinkArmEnv().interface
 FIELDS = ("delay", "lag", "rate_limit", "latency", "resolution", "noise_std")
@@ -57,3 +62,58 @@ def test_the_interface_states_the_springs():
     stated = (((3e3, 2e3), (5e3, 2e3)), ((5.0, 5.0), (5.0, 5.0)), (0.5, 0.2), (1e-3, 1e-3), "link")
     assert tuple(getattr(interface, name) for name in SPRINGS) == stated
     assert IDEAL.stiffness is None
+
+
+TRUTH = {
+    "actuator": {"delay": 0.02, "lag": {"uniform": [0.002, 0.004]}, "torque_limit": (2000, 800)},
+    "joint": {"stiffness": {"uniform": [3e3, 5e3]}, "rotor_inertia": 0.5},
+    "noise": {"position": 1e-3, "velocity": 1e-2},
+}
+TOLD = {
+    "delay": (0.01, {"delay": (0.01, 0.01)}), "lag": (0.001, {"lag": (0.001, 0.001)}),
+    "rate_limit": (100.0, {"rate_limit": (100.0, 100.0)}), "latency": (0.003, {"latency": 0.003}),
+    "velocity_noise": (0.5, {"noise_std": ((1e-3, 1e-3), (0.5, 0.5), (0.0, 0.0))}),
+    "stiffness": ((1e3, 2e3), {"stiffness": ((1e3, 2e3), (1e3, 2e3))}),
+    "damping": (3.0, {"damping": ((3.0, 3.0), (3.0, 3.0))}), "rotor_inertia": (0.7, {"rotor_inertia": (0.7, 0.7)}),
+    "backlash": (0.01, {"backlash": (0.01, 0.01)}),
+}  # fmt: skip
+
+
+def motion(told):
+    """Return the observations, truths and interface of an episode under fixed torques."""
+    env = TwoLinkArmVectorEnv(3, **TRUTH, datasheet=told)
+    rows = [env.reset(seed=5)[0]]
+    for k in range(40):
+        rows.append(env.step(np.full((3, 2), 0.3 * math.sin(k)))[0].copy())
+    return np.array(rows), env.truth, env.interface
+
+
+@pytest.mark.parametrize("name", TOLD)
+def test_a_datasheet_changes_the_interface_and_no_bit_of_the_arm(name):
+    value, stated = TOLD[name]
+    rows, truth, interface = motion(None)
+    rows_told, truth_told, told = motion({name: value})
+    assert told == dataclasses.replace(interface, **stated) != interface
+    np.testing.assert_array_equal(rows_told, rows)
+    for field, values in vars(truth).items():
+        np.testing.assert_array_equal(getattr(truth_told, field), values, err_msg=field)
+
+
+def errors(told, law):
+    """Return the mean error of a law at a delay of 20 ms [rad]."""
+    env = TwoLinkArmEnv(duration=2.0, actuator={"delay": 0.02}, datasheet=told)
+    return np.abs(tracking(make(law, env), env, env.scenario.steps)[0]).mean()
+
+
+def test_a_predictor_trusts_the_datasheet_and_an_oracle_does_not():
+    assert errors({"delay": 0.01}, "computed-torque+predictor") > 1.5 * errors(None, "computed-torque+predictor")
+    assert errors({"delay": 0.0}, "oracle-flm") == errors(None, "oracle-flm")
+
+
+def test_a_file_a_sweep_and_show_have_it(tmp_path):
+    (tmp_path / "told.toml").write_text('base = "servo-delay-2"\n[datasheet]\ndelay = 0.001\n')
+    task = scenarios.get(str(tmp_path / "told.toml"))
+    assert task.actuator == scenarios.get("servo-delay-2").actuator
+    assert ("datasheet.delay [s]", "0.001") in list(options(task))
+    assert with_option(task, "datasheet.delay", 0.002).datasheet.delay == 0.002
+    assert with_option(Scenario(), "datasheet.lag", 0.002).datasheet.lag == 0.002

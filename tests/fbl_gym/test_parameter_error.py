@@ -8,8 +8,7 @@ from scipy import stats
 
 from fbl_gym import SECTION_2_2, TABLE_1, ArmParameters, ParameterError, TwoLinkArmEnv
 from fbl_gym.model.arm import forward_dynamics
-from tests.fbl_gym.episodes import started, started_batch, truths_of
-from tests.fbl_gym.paired_runs import play, same
+from tests.fbl_gym.episodes import play, same, started, started_batch, truths_of
 
 
 def ratios(truths, index=0):

@@ -5,7 +5,7 @@ import pytest
 
 from fbl_gym import TABLE_1
 from fbl_gym.model.chain import HINGE
-from tests.fbl_gym.paired_runs import watch
+from tests.fbl_gym.episodes import watch
 
 
 def test_a_payload_acts_from_its_physics_step_on():

@@ -6,8 +6,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from fbl_gym import Scenario
-from tests.fbl_gym.episodes import started
-from tests.fbl_gym.paired_runs import PLANT, torques
+from tests.fbl_gym.episodes import PLANT, started, torques
 from tests.fbl_gym.test_fuzz import environments, without
 
 

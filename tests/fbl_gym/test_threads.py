@@ -16,17 +16,11 @@ import pytest
 
 from fbl_gym import TwoLinkArmVectorEnv
 from fbl_gym.kernel.step import api, pool
-from tests.fbl_gym.episodes import EVENTFUL, ID, TRACKING
-from tests.fbl_gym.test_lanes import CHANGES, MODES, assert_same_infos
+from tests.fbl_gym.episodes import ID
+from tests.fbl_gym.test_cuda import CASES
+from tests.fbl_gym.test_lanes import MODES, assert_same_infos
 
 LANES = 330
-CASES = {
-    "plain": (ID, {"duration": 0.2}),
-    "busy": (ID, {"scenario": "everything-2", "duration": 0.2, "info": True}),
-    "events": (ID, {**EVENTFUL, **CHANGES}),
-    "springs": (TRACKING, {"scenario": "servo-elastic-2", "duration": 0.2, "preview": 2}),
-    "links": (ID, {**EVENTFUL, **CHANGES, "link": 8.0}),
-}
 pytestmark = pytest.mark.skipif(not pool.SUPPORTED, reason="one thread on this system")
 
 
@@ -42,7 +36,7 @@ def joined():
     return job["threads"] - 1 - job["seats"]
 
 
-@pytest.mark.parametrize(("case", "mode"), [*zip(CASES, MODES * 2, strict=False), *product(["events"], MODES[:2])])
+@pytest.mark.parametrize(("case", "mode"), [*zip(CASES, MODES * 2, strict=False), *product([2], MODES[:2])])
 def test_any_number_of_threads_gives_the_same_bits(case, mode):
     name, options = CASES[case]
     alone, *others = (batch(name, threads, autoreset_mode=mode, **options) for threads in (1, 2, 5))
