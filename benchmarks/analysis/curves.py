@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
+import pandas as pd
 
 from benchmarks.analysis.statistics import Estimate, geometric_mean, interval, resample
 from benchmarks.run.expansion import training
@@ -52,10 +53,8 @@ def read_groups(folders: Sequence[Path]) -> tuple[Group, ...]:
     for folder in folders:
         try:
             settings, seed = training(folder)
-            table = np.atleast_1d(
-                np.genfromtxt(io.StringIO(read_text(folder / "curve.csv")), delimiter=",", names=True)
-            )
-            run = {name: table[name] for name in ("steps", "cpu_s", "validation_mrad")}
+            table = pd.read_csv(io.StringIO(read_text(folder / "curve.csv")))
+            run = {name: table[name].to_numpy(float) for name in ("steps", "cpu_s", "validation_mrad")}
         except (OSError, ValueError, KeyError, TypeError, AttributeError) as problem:
             raise ValueError(
                 f"RUN must be a folder of fbl-gym train, got {str(folder)!r} ({reason_of(problem)})"

@@ -359,18 +359,10 @@ def recommend(
     safe = [x and y for x, y in zip(wide, keeps, strict=True)]
     levels = np.minimum(runs.levels, np.log(_metric(table, "baseline_error_pct")).mean(axis=-1))
     levels = levels[:, 0] + levels[:, 1:].mean(axis=1)
-    variations = _metric(table, "variation")
-    best: list[int] = []
-    same: dict[int, list[str]] = {}
     order = sorted(np.argsort(levels).tolist(), key=lambda i: not safe[i])
-    for i in (i for i in order if keeps[i] or not any(keeps)):
-        twins = [k for k in best if np.array_equal(runs.error[i], runs.error[k]) and safe[k] == safe[i]]
-        if twins:
-            same.setdefault(twins[0], []).append(complete[i])
-        elif all(table[i][0].cell.policy.parsed.law != table[k][0].cell.policy.parsed.law for k in best):
-            best.append(i)
-    best = best[:3]
-    variation = np.median(variations, axis=(1, 2))
+    same = _groups([i for i in order if keeps[i] or not any(keeps)], table, runs, safe)
+    best = [*same][:3]
+    variation = np.median(_metric(table, "variation"), axis=(1, 2))
     calmest = min(filter(None, variation[best]), default=1.0)  # a policy without a torque has none
     choices = []
     for i in best:
@@ -380,10 +372,25 @@ def recommend(
                 complete[i], safe[i], float(np.median(errors)), float(tail_mean(errors)), diverged, count,
                 float(proportion(diverged, count).high), tuple(np.exp(runs.logs[i].mean(axis=-1)).tolist()),
                 tuple(int(lost) for lost in runs.diverged[i].sum(axis=-1)), float(variation[i] / calmest),
-                *margins[i], tuple(same.get(i, ())),
+                *margins[i], tuple(complete[k] for k in same[i]),
             )
         )  # fmt: skip
     return Recommendation(base.name, tuple(choices), tuple(tasks), failed)
+
+
+def _groups(
+    order: Sequence[int], table: Sequence[Sequence[Result]], runs: Runs, safe: Sequence[bool]
+) -> dict[int, list[int]]:
+    """Return the first policy of each law, in an order, and with it the others with its runs."""
+    groups: dict[int, list[int]] = {}
+    laws = [row[0].cell.policy.parsed.law for row in table]
+    for i in order:
+        twins = [k for k in groups if np.array_equal(runs.error[i], runs.error[k]) and safe[k] == safe[i]]
+        if twins:
+            groups[twins[0]].append(i)
+        elif all(laws[i] != laws[k] for k in groups):
+            groups[i] = []
+    return groups
 
 
 def margins_of(policy: str, base: Scenario) -> tuple[float, float, str]:

@@ -31,16 +31,20 @@ def error_of(env):
     return error[0] if isinstance(env, TwoLinkArmEnv) else error
 
 
+def loop(policy, env, steps, seed=0, state=None):
+    """Yield observation, state, action and next state before each step."""
+    observation, _ = env.reset(seed=seed)
+    for _ in range(steps):
+        action, after = policy.predict(observation, state)
+        yield observation, state, action, after
+        observation, state = env.step(action)[0], after
+
+
 def tracking(policy, env, steps, seed=0):
     """Return the true tracking error at each sample [steps + 1 x ...], and the state after each step."""
-    observation, _ = env.reset(seed=seed)
-    state, states, errors = None, [], [error_of(env)]
-    for _ in range(steps):
-        action, state = policy.predict(observation, state)
-        observation = env.step(action)[0]
-        states.append(state)
-        errors.append(error_of(env))
-    return np.array(errors), states
+    pairs = [(error_of(env), state) for *_, state in loop(policy, env, steps, seed)]
+    errors, states = zip(*pairs, strict=True)
+    return np.array([*errors, error_of(env)]), states
 
 
 def broken_promises(policy, scenario=None):

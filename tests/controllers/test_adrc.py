@@ -8,6 +8,7 @@ import pytest
 import controllers
 from controllers.parts.observers import Eso
 from fbl_gym import TwoLinkArmEnv
+from tests.controllers.closed_loop import loop
 
 
 def error_dynamics(observer):
@@ -47,11 +48,6 @@ def test_ladrc_knows_one_number_of_each_joint():
     """With another gravity in the nominal model, the torque is the same."""
     env = TwoLinkArmEnv()
     light = dataclasses.replace(env.interface, nominal=dataclasses.replace(env.interface.nominal, gravity=0.0))
-    observation, _ = env.reset(seed=0)
     law, other = (controllers.make("ladrc", interface) for interface in (env.interface, light))
-    state = None
-    for _ in range(20):
-        action, after = law.predict(observation, state)
+    for observation, state, action, _ in loop(law, env, 20):
         np.testing.assert_array_equal(other.predict(observation, state)[0], action)
-        state = after
-        observation = env.step(action)[0]

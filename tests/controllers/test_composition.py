@@ -14,7 +14,7 @@ from controllers.parts.springs import Springs
 from fbl_gym import TABLE_1, TwoLinkArmEnv, TwoLinkArmVectorEnv, scenarios
 from fbl_gym.model.arm import inverse_dynamics
 from fbl_gym.records.record import tuning_ranges
-from tests.controllers.closed_loop import broken_promises, tracking
+from tests.controllers.closed_loop import broken_promises, loop, tracking
 
 LAWS = [name for name, *_ in catalogue.LAWS if name not in catalogue.ACCESS]
 
@@ -44,15 +44,13 @@ def test_with_an_exact_model_the_prediction_is_the_true_motion(action, delay, la
     """Position, velocity and torque at the time when the next command acts."""
     env = TwoLinkArmEnv(actuator={"delay_samples": delay, "lag": lag}, encoder={"latency": latency}, action=action)
     law = controllers.make("computed-torque+predictor", env)
-    observation, _ = env.reset(seed=1)
-    state, predicted, true = law.initial(observation[None]), [], []
-    for _ in range(60):
-        queue, present = state.acting.queue, state.acting.torque
+    predicted, true = [], []
+    for observation, state, *_ in loop(law, env, 60, seed=1):
+        acting = (state or law.initial(observation[None])).acting
+        queue, present = acting.queue, acting.torque
         q, v = law.read(observation[None], "position", "velocity")
         predicted.append(law.drive.predict(env.interface.nominal, q, v, 0.0 * q, present, law.drive.coming(queue)))
         true.append((env.truth.position, env.truth.velocity, env.truth.applied_torque))
-        decision, state = law.predict(observation, state)
-        observation = env.step(decision)[0]
     predicted, true = np.array(predicted)[10 : 60 - delay, :, 0], np.array(true)[10 + delay :]
     np.testing.assert_allclose(predicted[:, :2], true[:, :2], atol=2e-5)
     np.testing.assert_allclose(predicted[:, 2], true[:, 2], atol=2e-3)
@@ -121,13 +119,11 @@ def test_an_observer_estimates_the_motion(name, wrong_model):
     env = TwoLinkArmEnv(sensors=("position",), actuator={"delay": 0.005, "lag": 0.01}, parameter_error=ratio)
     gains = {f"{name}_bandwidth": 150.0}
     law = controllers.make(f"computed-torque+{name}", env, frequency=5.0, **gains)
-    observation, _ = env.reset(seed=0)
-    state, errors = law.initial(observation[None]), []
-    for _ in range(300):
-        estimate, truth = law._look(observation[None], state).estimate[0], env.truth
+    errors = []
+    for observation, state, *_ in loop(law, env, 300):
+        state, truth = state or law.initial(observation[None]), env.truth
+        estimate = law._look(observation[None], state).estimate[0]
         errors.append(estimate[:, :3].T - [truth.position, truth.velocity, truth.acceleration])
-        decision, state = law.predict(observation, state)
-        observation = env.step(decision)[0]
     position, velocity, acceleration = np.abs(errors[50:]).mean(axis=(0, 2))
     largest = {"kalman": 0.05 if wrong_model else 1e-3, "eso": 1e-3}
     assert position < 2e-4

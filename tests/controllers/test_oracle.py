@@ -12,7 +12,7 @@ from fbl_gym import TwoLinkArmVectorEnv
 from fbl_gym.model.arm import inverse_dynamics, with_rotors
 from fbl_gym.scenarios.classes import CLASSES
 from fbl_gym.scenarios.tiers import tier_scenario
-from tests.controllers.closed_loop import tracking
+from tests.controllers.closed_loop import loop, tracking
 from tests.fbl_gym.declared import VARYING
 
 FRICTION = {f.name: 0.05 if f.name == "load" else 2.0 for f in VARYING if f.path.startswith("friction.")}
@@ -31,14 +31,8 @@ def test_the_true_arm_is_predicted(joint, link):
         physics_dt=0.0005,
     )  # fmt: skip
     policy = controllers.make("pd-gravity", env, frequency=4.0)
-    observation, _ = env.reset(seed=0)
-    state, predicted, true = None, [], []
-    for _ in range(80):
-        arm = TrueArm.of(env)
-        predicted.append(arm.predicted())
-        true.append(arm.state)
-        action, state = policy.predict(observation, state)
-        observation = env.step(action)[0]
+    arms = [TrueArm.of(env) for _ in loop(policy, env, 80)]
+    predicted, true = [arm.predicted() for arm in arms], [arm.state for arm in arms]
     halves = (np.split(np.array(x), x[0].shape[1] // 2, axis=-1) for x in (predicted, true))
     for before, after in zip(*halves, strict=True):
         change, error = np.subtract(after[2:], after[:-2]), np.subtract(before[:-2], after[2:])

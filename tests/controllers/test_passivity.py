@@ -6,7 +6,7 @@ import controllers
 from controllers.laws.passivity import slotine_li_regressor
 from fbl_gym import TwoLinkArmVectorEnv
 from fbl_gym.model.arm import coriolis_matrix, gravity_torque, inertia_matrix, regressor
-from tests.controllers.closed_loop import nominal
+from tests.controllers.closed_loop import loop, nominal
 
 EXCITING = {"kind": "fourier", "centre": (-np.pi / 2, 0.0), "frequency": 0.2}
 
@@ -15,16 +15,14 @@ def closed_loop(name, scenario, lanes=8, **gains):
     """Return the law, the real lumped parameters, and by sample: the estimates or None, s, q and the error."""
     env = TwoLinkArmVectorEnv(lanes, scenario, action="torque")
     policy = controllers.make(name, env, **gains)
-    observation, _ = env.reset(seed=0)
-    state, log = policy.initial(observation), []
-    for _ in range(scenario.steps - 1):
+    log = []
+    for observation, state, *_ in loop(policy, env, scenario.steps - 1):
+        state = state or policy.initial(observation)
         before = state.estimate if state else None
         q, v = policy.read(observation, "position", "velocity")
         r, dr = policy.read(observation, "reference_position", "reference_velocity")
         s = dr - v + np.array(policy.slope) * (r - q)
-        action, state = policy.predict(observation, state)
         log.append((before, s, q, r - q))
-        observation = env.step(action)[0]
     return policy, env.truth.lumped, [np.array(x) for x in zip(*log, strict=True)]
 
 

@@ -6,7 +6,7 @@ import controllers
 from controllers.laws.rbf_adaptive import FEATURES, NODES, RbfState, bumps, features
 from fbl_gym import TABLE_1, TwoLinkArmEnv
 from fbl_gym.model.arm import gravity_torque, inertia_matrix
-from tests.controllers.closed_loop import EXACT, error_of
+from tests.controllers.closed_loop import EXACT, error_of, loop
 
 
 def test_the_lyapunov_function_decreases_by_its_derivative():
@@ -14,18 +14,14 @@ def test_the_lyapunov_function_decreases_by_its_derivative():
     dt = 1e-3
     env = TwoLinkArmEnv(**EXACT, initial_error=(-0.2, 0.3))
     policy = controllers.make("rbf-adaptive", env, rate=150.0, forget=0.0)
-    observation, _ = env.reset(seed=0)
     weights = np.random.default_rng(0).normal(size=(1, 2, FEATURES))
-    state, d = RbfState(weights), inertia_matrix(TABLE_1, (0.0, np.pi / 2))
-    values, loss = [], [0.0]
-    for _ in range(1000):
+    values, loss, d = [], [0.0], inertia_matrix(TABLE_1, (0.0, np.pi / 2))
+    for observation, state, *_ in loop(policy, env, 1000, state=RbfState(weights)):
         q, v = observation[0:2], observation[2:4]
         s = 10.0 * error_of(env) - v
         m, w = inertia_matrix(TABLE_1, q), state.weights[0]
         values.append(0.5 * s @ m @ s + 0.5 / 150.0 * np.trace(d @ w @ w.T))
         loss.append(loss[-1] + dt * 15.0 * s @ m @ s)
-        action, state = policy.predict(observation, state)
-        observation = env.step(action)[0]
     values = np.array(values)
     assert np.diff(values).max() < 1e-4 * values[0]
     np.testing.assert_allclose(values[0] - values, loss[:-1], atol=0.03 * values[0])
@@ -50,13 +46,11 @@ def test_the_network_learns_the_gravity_of_a_load():
     steps = 12_000
     env = TwoLinkArmEnv(actuator=None, action="torque", parameter_error={"payload": 7.5}, duration=0.01 * steps)
     policy = controllers.make("rbf-adaptive", env, rate=150.0, forget=0.0)
-    observation, _ = env.reset(seed=0)
-    state, poses = None, []
-    for k in range(steps):
-        action, state = policy.predict(observation, state)
-        observation = env.step(action)[0]
+    poses = []
+    for k, (*_, after) in enumerate(loop(policy, env, steps)):
         if k > 8000 and k % 20 == 0:
             poses.append(env.truth.reference)
+            state = after
     q = np.array(poses)
     learned = policy.learned(np.repeat(state.weights, len(q), axis=0), features(q, np.zeros_like(q), np.zeros_like(q)))
     missed = gravity_torque(env.truth.lumped, q) - gravity_torque(env.interface.nominal, q)

@@ -8,7 +8,7 @@ import controllers
 from benchmarks.run.rollout import rollout
 from fbl_gym import TABLE_1, TwoLinkArmEnv, scenarios
 from fbl_gym.model.arm import inertia_matrix
-from tests.controllers.closed_loop import EXACT, tracking
+from tests.controllers.closed_loop import EXACT, loop, tracking
 
 POSE = (-np.pi / 2, 0.4)
 
@@ -30,17 +30,13 @@ def test_moreno_and_osorios_lyapunov_function_decreases():
         disturbance={"kind": "sine", "amplitude": tuple(load), "frequency": frequency, "phase": 0.0},
         control_dt=dt, physics_dt=dt, duration=0.3,
     )  # fmt: skip
-    policy, state = controllers.make("sliding-mode", env, slope=slope, bound=bound, layer=0.0), None
-    observation, _ = env.reset(seed=0)
-    log = []
-    for _ in range(2900):
+    policy, log = controllers.make("sliding-mode", env, slope=slope, bound=bound, layer=0.0), []
+    for observation, state, *_ in loop(policy, env, 2900):
         q, v, r, dr = policy.read(observation, "position", "velocity", "reference_position", "reference_velocity")
         s = dr - v + slope * (r - q)
         f = np.linalg.solve(inertia_matrix(TABLE_1, q), env.truth.disturbance)
         zeta = np.stack([np.sqrt(np.abs(s)) * np.sign(s), f - (state.integral[0] if state else 0.0)])
         log.append((np.einsum("ij,ik,kj->j", zeta, p, zeta), np.abs(s)))
-        action, state = policy.predict(observation, state)
-        observation = env.step(action)[0]
     value, surface = np.swapaxes(log, 0, 1)
     # Closer than that, one sample steps over s = 0.
     assert np.diff(value, axis=0)[surface[:-1] > 1e3 * bound * dt**2].max() < 0.0
