@@ -6,7 +6,7 @@ import controllers
 from controllers.laws.gaussian_process import SIGNAL
 from fbl_gym import TwoLinkArmEnv, TwoLinkArmVectorEnv
 from fbl_gym.model.arm import inverse_dynamics
-from tests.controllers.closed_loop import tracking
+from tests.controllers.closed_loop import loop, tracking
 
 EXCITING = {"kind": "fourier", "centre": (-np.pi / 2, 0.0), "frequency": 0.2}
 
@@ -16,27 +16,24 @@ def test_the_torque_has_the_mean_of_a_gaussian_process():
     env = TwoLinkArmEnv(parameter_error={"radius": 0.3}, actuator=None, action="torque", reference=EXCITING)
     policy = controllers.make("computed-torque-gp", env, memory=0.5, noise=0.2)
     frequencies, phases = policy.spectrum
-    observation, _ = env.reset(seed=0)
-    state, rows, targets = None, [], []
-    torque, last = None, None
-    for step in range(60):
+    rows, targets = [], []
+    before, last = None, None
+    for observation, _, torque, _ in loop(policy, env, 60):
         names = ("reference_position", "reference_velocity", "reference_acceleration")
         q, v, *reference = policy.read(observation, "position", "velocity", *names)
         rows.append(np.cos(np.concatenate(reference) @ frequencies + phases) * np.sqrt(2 / len(phases)))
-        if step:
+        if before is not None:
             model = inverse_dynamics(env.interface.nominal, q, 0.5 * (v + last), (v - last) / 0.01)
-            targets.append((torque - model) / policy.weight)
+            targets.append((before - model) / policy.weight)
         else:
             targets.append(np.zeros(2))
-        torque, state = policy.predict(observation, state)
-        z, last = np.array(rows), v
+        z, before, last = np.array(rows), torque, v
         time = 0.01 * np.arange(len(z))
         kernel = SIGNAL**2 * z @ z.T * np.exp(-np.abs(time[:, None] - time) / 0.5)
         mean = kernel[-1] @ np.linalg.solve(kernel + 0.2**2 * np.eye(len(z)), np.array(targets))
         wanted = policy.acceleration(observation[None], q[None], v[None])[0]
         plain = inverse_dynamics(env.interface.nominal, q, v, wanted)
         np.testing.assert_allclose(torque, plain + policy.weight * mean, rtol=1e-6, atol=1e-6)
-        observation = env.step(torque)[0]
 
 
 def test_it_learns_what_the_model_misses():
