@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-ELSEWHERE = {"swing_up", "train_sb3", "ppo_batch", "run_on_robot"}
+ELSEWHERE = {"swing_up", "train_sb3", "ppo_batch", "run_on_robot", "priced_ppo", "class_speed"}
 """Run by `test_docs.py`, `benchmarks/rl/test_example.py` and `controllers/test_runner.py`."""
 
 EXAMPLES = [p for p in sorted((Path(__file__).parents[1] / "examples").glob("*.py")) if p.stem not in ELSEWHERE]
