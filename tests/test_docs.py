@@ -275,8 +275,10 @@ def test_a_page_runs(page):
             Path(block.file).write_text(shortened(block.text))
     todo = [block for block in BLOCKS[page] if not block.reason]
     started = {first for block in todo if block in SHELL for _, first, *_ in commands(block.text)}
+    texts = [block.text for block in todo]
+    texts += [(ROOT / name).read_text() for text in texts for name in re.findall(r"examples/\w+\.py", text)]
     for root in ("stable_baselines3", "sb3_contrib", "torch"):
-        if any(f"import {root}" in block.text or f"from {root}" in block.text for block in todo):
+        if any(f"import {root}" in text or f"from {root}" in text for text in texts):
             pytest.importorskip(root)
     if "offline.py" in PAGES[page]:  # what d3rlpy would train
         np.savez("weights.npz", *map(np.zeros, ((64, 56), (64,), (64, 64), (64,), (2, 64), (2,))))

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-ELSEWHERE = {"swing_up", "train_sb3", "run_on_robot"}
+ELSEWHERE = {"swing_up", "train_sb3", "run_on_robot", "priced_ppo", "class_speed"}
 """Run by `test_docs.py` and `controllers/test_runner.py`."""
 
 EXAMPLES = [p for p in sorted((Path(__file__).parents[1] / "examples").glob("*.py")) if p.stem not in ELSEWHERE]

@@ -2,6 +2,7 @@
 
 import json
 import re
+import runpy
 from pathlib import Path
 
 import numpy as np
@@ -139,7 +140,7 @@ def test_each_number_of_the_page_is_one_of_the_claims_that_it_names(line):
 
 
 def test_the_page_has_the_numbers_of_its_cart_and_pendulum(capsys):
-    exec(PAGE.partition("```python\n")[2].partition("```")[0], {})
+    runpy.run_path(str(DOCS.parents[1] / "examples" / "cart_and_pendulum.py"))
     printed = re.findall(r"([\d.]+ %)\n", capsys.readouterr().out)
     assert len(printed) == 5
     assert all(error in PAGE.partition("It prints ")[2] for error in printed)
