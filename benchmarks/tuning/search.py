@@ -72,7 +72,7 @@ def scenarios_of(robot: str) -> tuple[tuple[str, ...], tuple[str, ...]]:
     """
     known = scenarios.in_tier(f"{robot}-practice")
     third = "noise-3" if robot == "direct" else "delay-3"
-    pushed = ("nominal", third, "friction-3", "elastic-3", "saturation-1", "datasheet-1", "everything-3")
+    pushed = ("nominal", third, "friction-3", "elastic-3", "saturation-1", "datasheet-3", "everything-3")
     return tuple(name for name in known if name.endswith(pushed)), known
 
 
