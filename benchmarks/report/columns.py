@@ -14,7 +14,7 @@ from fbl_gym.model.arm import Array
 
 Value: TypeAlias = float | str | None
 
-ALL, ALL_BUT_LATEX, NONE = "all", "all but LaTeX", "none"
+ALL, PAGE_AND_MARKDOWN, NONE = "all", "page and Markdown", "none"
 """The tables that have a column; the page has all columns."""
 
 
@@ -38,7 +38,7 @@ class Column:
         notes: text below the entry of each policy; empty without notes.
         best: 1 if larger is better, -1 if smaller is better, 0 if neither.
         form: function that prints a number.
-        tables: that have the column: `ALL`, `ALL_BUT_LATEX` or `NONE`.
+        tables: that have the column: `ALL`, `PAGE_AND_MARKDOWN` or `NONE`.
         ends: the interval in a table: "" none, "interval" both ends, "upper" the upper end, "range"
             both ends in place of the value.
     """
@@ -52,7 +52,7 @@ class Column:
     notes: Sequence[str] = ()
     best: int = 0
     form: Callable[[float], str] = lambda x: number(x)
-    tables: str = ALL_BUT_LATEX
+    tables: str = PAGE_AND_MARKDOWN
     ends: str = ""
 
     @property
@@ -183,7 +183,7 @@ def columns(board: Board) -> list[Column]:
         return numbers(
             f"oracle-{tier}".strip("-"), f"{tier} × oracle".strip(), "Error, doubled for each percent of lost runs, as a "
             "multiple of that of the best oracle.", board.times_oracle(some), best=-1, form=times,
-            tables=ALL_BUT_LATEX if tier else ALL,
+            tables=PAGE_AND_MARKDOWN if tier else ALL,
         )  # fmt: skip
 
     every = [
@@ -227,7 +227,7 @@ def columns(board: Board) -> list[Column]:
                 "[mrad].", board.mrad(), best=-1),
         *(
             numbers(f"family-{family}", family, f"Error % over one family: {meaning_of(board.scenarios[members[0]])}.",
-                    board.error(members), best=-1, tables=ALL_BUT_LATEX if members[0] in board.main else NONE)
+                    board.error(members), best=-1, tables=PAGE_AND_MARKDOWN if members[0] in board.main else NONE)
             for family, members in board.families.items()
         ),
         Column("access", "access", "Knowledge of the arm: none, the nominal model, or oracle (the real arm).",

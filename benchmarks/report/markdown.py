@@ -5,7 +5,7 @@ import re
 from collections.abc import Iterable, Mapping, Sequence
 
 from benchmarks.analysis.board import Board
-from benchmarks.report.columns import ALL, ALL_BUT_LATEX, Column, columns_of, leaders, number, over_all
+from benchmarks.report.columns import ALL, PAGE_AND_MARKDOWN, Column, columns_of, leaders, number, over_all
 from fbl_gym.scenarios.classes import CLASSES
 
 BEGIN, END = "<!-- leaderboard -->", "<!-- /leaderboard -->"
@@ -38,7 +38,7 @@ def leaderboard(board: Board, *, short: bool = False) -> str:
 
     A short one has the main columns alone.
     """
-    selected = columns_of(board, ALL, *([] if short else [ALL_BUT_LATEX]))
+    selected = columns_of(board, ALL, *([] if short else [PAGE_AND_MARKDOWN]))
     rows = [[_cell(column, i) for column in selected] for i in board.order]
     remarks = "".join(f"\n{plain(remark)}\n" for remark in board.remarks)
     return table([plain(column.title) for column in selected], rows) + remarks
