@@ -17,6 +17,7 @@ SHORTER = {
 }  # fmt: skip
 ARGUMENTS = {
     "offline_data": ["pd-gravity", "data.npz", "--episodes", "2"],
+    "wrong_datasheet": ["geared", "zero"],
     "markov": ["nominal", "--lanes", "4", "--epochs", "1"],
     "ppo_batch": ["--updates", "2", "--lanes", "8", "--steps", "510", "--epochs", "1"],  # beyond the end of an episode
 }

@@ -137,7 +137,7 @@ def percent(x: float) -> str:
 
 def times(x: float) -> str:
     """Return a factor with two significant digits, or "> 1000"."""
-    return percent(x) if x <= 1000 else "> 1000"
+    return "–" if np.isnan(x) else percent(x) if x <= 1000 else "> 1000"
 
 
 def _column(
@@ -206,7 +206,7 @@ def columns(board: Board) -> list[Column]:
                _violations(board), best=-1, form=percent, tables=ALL),
         *(
             numbers(name, title, f"{meaning} at rest, without dry friction: of the nominal scenario's first arms, linearised.",
-                    board.margin(name), best=best, form=percent)
+                    board.margin(name), best=best, form=times)
             for name, title, meaning, best in (
                 ("phase_deg", "phase margin °", "Least phase margin", 1),
                 ("delay_samples", "delay margin, samples", "Least delay margin", 1),

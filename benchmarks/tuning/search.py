@@ -7,7 +7,7 @@ of a run is the total variation of its torque per second, divided by the root me
 torque. Because of the logarithms, a scenario counts by the relative change of its error.
 
 The price is 1 for each of two margins that is zero, and falls to 0 at the phase and delay margin
-that are asked for. The margins are the least of three arms of the first scenario. A loop that is
+that are asked for. The margins are the least of eight arms of the first scenario. A loop that is
 unstable without dry friction has none; a law that cannot be linearised pays nothing.
 
 Trials use few scenarios and seeds. The best trials and the defaults are therefore judged with the
@@ -34,7 +34,7 @@ from benchmarks.files import write_text
 from benchmarks.policies.key import data_digest
 from benchmarks.policies.spec import PolicySpec, resolve
 from benchmarks.run.cell import Cell
-from benchmarks.run.linearize import margin_metrics
+from benchmarks.run.linearize import ARMS, margin_metrics
 from benchmarks.run.metrics import MARGINS, counted_errors, measure, penalize
 from benchmarks.run.rollout import rollout
 from benchmarks.run.store import provenance
@@ -83,7 +83,7 @@ class Task:
     Attributes:
         policy: the policy.
         scenarios: of the runs; the first one is that of the margins.
-        seeds: of the runs in each scenario; the first three draw the arms of the margins.
+        seeds: of the runs in each scenario; the arms of the margins have those from the first on.
         margins: phase [degrees] and delay [samples] below which the gains pay; 0: they do not.
     """
 
@@ -157,7 +157,8 @@ class Task:
         """Return the price of small margins."""
         if not any(self.margins):
             return 0.0
-        rows = margin_metrics(self.policy, self.scenarios[0], self.seeds[:3], gains)
+        arms = range(self.seeds.start, self.seeds.start + ARMS)
+        rows = margin_metrics(self.policy, self.scenarios[0], arms, gains)
         found = np.array([[row[name] for name in MARGINS[:2]] for row in rows])
         lacking = np.maximum(0.0, 1.0 - np.nan_to_num(found, nan=np.inf) / np.maximum(self.margins, 1e-9))
         return float(PRICE * lacking.sum(axis=1).max())
