@@ -4,8 +4,10 @@ import itertools
 import re
 from collections.abc import Iterable, Mapping, Sequence
 
+import numpy as np
+
 from benchmarks.analysis.board import Board
-from benchmarks.report.columns import ALL, PAGE_AND_MARKDOWN, Column, columns_of, leaders, number, over_all
+from benchmarks.report.columns import ALL, PAGE_AND_MARKDOWN, Column, columns_of, leaders, number, over_all, percent
 from fbl_gym.scenarios.classes import CLASSES
 
 BEGIN, END = "<!-- leaderboard -->", "<!-- /leaderboard -->"
@@ -45,12 +47,16 @@ def leaderboard(board: Board, *, short: bool = False) -> str:
 
 
 def first_rows(boards: Mapping[str, Board]) -> str:
-    """Return a table of the first rows of some boards, by name, with their errors."""
+    """Return a table of the first rows of some boards, by name.
+
+    A cell has the error, and the delay margin in samples, if the board has margins.
+    """
     columns = []
     for board in boards.values():
-        error = board.error().value
+        error, delay = board.error().value, board.margin("delay_samples")
+        margin = ["" if np.isnan(x) else f" · {percent(x)}" for x in delay]
         first = [i for i in board.order if i in board.ranked][:ROWS]
-        columns.append([f"{code(board.policies[i])} {number(error[i])} %" for i in first])
+        columns.append([f"{code(board.policies[i])} {number(error[i])} %{margin[i]}" for i in first])
     rows = ([str(rank), *cells] for rank, cells in enumerate(itertools.zip_longest(*columns, fillvalue=""), 1))
     return table(["rank", *boards], rows) + _gaps(boards)
 
