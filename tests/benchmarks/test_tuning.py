@@ -307,12 +307,12 @@ def test_the_choice(result):
 
 
 def test_small_margins_and_equal_runs_are_said(fbl_gym, monkeypatch):
-    """`lqg-elastic@tuned` has 12 degrees on servo-nominal; another name of a law has the same runs."""
+    """`computed-torque-eso@tuned` has 15 degrees on servo-nominal; another name of a law has the same runs."""
     monkeypatch.setattr("benchmarks.cli.recommend.as_scenario", lambda name: BASE)
-    policies = ["--policies", "lqg-elastic@tuned", "pd-gravity", "pd-gravity@damping=1x"]
+    policies = ["--policies", "computed-torque-eso@tuned", "pd-gravity", "pd-gravity@damping=1x"]
     shown = fbl_gym(["recommend", "arm", "--trials", "0", "--seeds", "2", "--workers", "1", *policies]).out
     assert re.search("the same runs as pd-gravity.*: pd-gravity", shown)
-    assert "lqg-elastic@tuned (unsafe)" in shown
+    assert "computed-torque-eso@tuned (unsafe)" in shown
 
 
 def test_a_wrong_data_sheet_lies_on_both_sides():
