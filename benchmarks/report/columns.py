@@ -160,6 +160,14 @@ def _violations(board: Board) -> list[float | None]:
     return [float(np.mean(runs)) if runs.size else None for runs in known]
 
 
+def _worst_family(board: Board) -> tuple[Array, list[str]]:
+    """Return each policy's largest multiple of the least error in a family, and that family [p]."""
+    families = {name: members for name, members in board.families.items() if members[0] in board.main}
+    errors = np.array([board.error(members).value for members in families.values()])
+    multiples = errors / errors[:, board.ranked].min(axis=1, keepdims=True)
+    return multiples.max(axis=0), [list(families)[k] for k in multiples.argmax(axis=0)]
+
+
 def _notes(board: Board) -> list[str]:
     """Return the number of training seeds of each policy, and of the scenarios where it failed."""
     seeds = [f"{size} training seeds" if size > 1 else "" for size in board.sizes]
@@ -177,7 +185,7 @@ def columns(board: Board) -> list[Column]:
     """Return the columns of a board, from left to right, without those of no value."""
     first, *others = board.tiers
     here = f"in the tier {first}" if others else "of this suite"
-    numbers = partial(_column, board)
+    numbers, (multiples, worst) = partial(_column, board), _worst_family(board)
 
     def of_oracle(tier: str, some: Sequence[int]) -> Column:
         return numbers(
@@ -202,6 +210,8 @@ def columns(board: Board) -> list[Column]:
                 "They count in every error.", board.lost, 100.0, best=-1, form=percent, tables=ALL, ends="upper"),
         of_oracle("", board.main),
         numbers("worst", "worst 5 %", f"Mean error % of the worst 5 % of the runs {here}.", board.worst, best=-1, tables=ALL),
+        numbers("worst-family", "worst family", "Largest multiple of the least error of a ranked row in a family, and that "
+                "family.", multiples, best=-1, form=times, notes=worst, tables=ALL),
         Column("violation", "violation %", f"Share of samples beyond the constraints, mean of the runs {here}.",
                _violations(board), best=-1, form=percent, tables=ALL),
         *(
