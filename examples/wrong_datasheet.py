@@ -1,9 +1,9 @@
-"""How much more does a law err where one number of its data sheet is wrong? On a class of robots:
+"""Print how much more laws err where one number of their data sheet is wrong:
 
     python examples/wrong_datasheet.py servo lqg-elastic@tuned sliding-mode+predictor@tuned
 
-The arm is that of the class's nominal scenario. A cell is the geometric mean of the error [%] over
-16 seeds. "delay" is in samples.
+The arms are those of a class's nominal scenario. Each cell shows the geometric mean of the error
+[%] over 16 seeds. The delay is wrong by half a sample.
 """
 
 import argparse

@@ -18,10 +18,14 @@ SHORTER = {
 ARGUMENTS = {
     "offline_data": ["pd-gravity", "data.npz", "--episodes", "2"],
     "wrong_datasheet": ["geared", "zero"],
+    "adjust_gains": ["servo", "pd-gravity"],
     "markov": ["nominal", "--lanes", "4", "--epochs", "1"],
     "ppo_batch": ["--updates", "2", "--lanes", "8", "--steps", "510", "--epochs", "1"],  # beyond the end of an episode
 }
-PRINTED = {"ppo_batch": r"8,160 steps .* error [1-9]\d{0,3}(\.\d+)? mrad, ([12]?\d|3[0-2]) of 32"}
+PRINTED = {
+    "adjust_gains": r"pd-gravity: \d+ degrees, [\d.]+ samples, error [\d.]+ %",
+    "ppo_batch": r"8,160 steps .* error [1-9]\d{0,3}(\.\d+)? mrad, ([12]?\d|3[0-2]) of 32",
+}
 
 
 @pytest.mark.parametrize("path", EXAMPLES, ids=lambda path: path.stem)

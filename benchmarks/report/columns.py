@@ -164,7 +164,8 @@ def _worst_family(board: Board) -> tuple[Array, list[str]]:
     """Return each policy's largest multiple of the least error in a family, and that family [p]."""
     families = {name: members for name, members in board.families.items() if members[0] in board.main}
     errors = np.array([board.error(members).value for members in families.values()])
-    multiples = errors / errors[:, board.ranked].min(axis=1, keepdims=True)
+    least = errors[:, board.ranked].min(axis=1, keepdims=True, initial=np.inf)
+    multiples = np.where(least < np.inf, errors / least, np.nan)  # without a ranked row there is none
     return multiples.max(axis=0), [list(families)[k] for k in multiples.argmax(axis=0)]
 
 

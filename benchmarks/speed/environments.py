@@ -22,7 +22,7 @@ Contestant: TypeAlias = Callable[[], int]
 ROUND_S = 0.1
 """Duration of a contestant's turn in each round [s]."""
 
-_BUSY: dict[str, Any] = {
+BUSY: dict[str, Any] = {
     "friction": {"coulomb": 10.0, "stiction": 10.0},
     "noise": {"position": 1e-3, "velocity": 1e-2, "acceleration": 1e-1},
     "disturbance": {"kind": "piecewise-constant", "amplitude": 10.0},
@@ -37,12 +37,12 @@ def _contestants() -> dict[str, tuple[Contestant, str]]:
     contestants: dict[str, tuple[Contestant, str]] = {
         _ACROBOT: (single(gym.make(_ACROBOT), 1), ""),
         "TwoLinkArm-v0": (single(gym.make(_ARM), np.zeros(2)), _ACROBOT),
-        "TwoLinkArm-v0, busy": (single(gym.make(_ARM, **_BUSY), np.zeros(2)), _ACROBOT),
+        "TwoLinkArm-v0, busy": (single(gym.make(_ARM, **BUSY), np.zeros(2)), _ACROBOT),
         "TwoLinkArmTracking-v0": (single(gym.make(_ARM.replace("Arm-", "ArmTracking-")), np.zeros(2)), _ACROBOT),
         "TwoLinkArm-v0, unwrapped": (single(gym.make(_ARM).unwrapped, np.zeros(2)), _ACROBOT),
         _ACROBOTS: (batch(gym.make_vec(_ACROBOT, 256, "sync"), np.ones(256, dtype=int)), ""),
     }
-    kinds: dict[str, Any] = {"": {}, ", busy": _BUSY, ", servo-elastic-2": {"scenario": "servo-elastic-2"}}
+    kinds: dict[str, Any] = {"": {}, ", busy": BUSY, ", servo-elastic-2": {"scenario": "servo-elastic-2"}}
     for lanes, threads in ((16, 1), (256, 1), (4096, 1), (4096, cores())):
         for kind, options in kinds.items():
             env = gym.make_vec(_ARM, lanes, vectorization_mode="vector_entry_point", threads=threads, **options)
@@ -119,7 +119,7 @@ def measure_gpu(rounds: int = 7) -> Iterator[tuple[str, int, float]]:
     import torch
 
     names = {name: {"scenario": name} for name in ("servo-everything-2", "servo-elastic-2")}
-    kinds: dict[str, Any] = {"plain": {}, "busy": _BUSY, **names, "links that bend": {"link": 8.0}}
+    kinds: dict[str, Any] = {"plain": {}, "busy": BUSY, **names, "links that bend": {"link": 8.0}}
     for name, lanes in itertools.product(kinds, (4_096, 65_536, 1_048_576)):
         env = TwoLinkArmVectorEnv(lanes, device="cuda", **kinds[name])
         env.reset(seed=0)

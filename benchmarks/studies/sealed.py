@@ -97,13 +97,16 @@ def main(argv: Sequence[str] | None = None) -> None:
     parser.add_argument("--store", type=Path, default=Path("results/board"), metavar="DIR", help="folder of results")
     parser.add_argument("--number", type=int, metavar="N", help="whole number to draw from (the board's version)")
     arguments = parser.parse_args(argv)
+    if arguments.number is not None and arguments.number < 0:
+        parser.error(f"argument --number: must be 0 or more, got {arguments.number}")
     store = Store(arguments.store)
     cells = load(arguments.suite).build(arguments.policies, (), arguments.seeds).cells
-    board = assemble([result for cell in cells if (result := store.find(cell))], cells)
+    try:
+        board = assemble([result for cell in cells if (result := store.find(cell))], cells)
+    except ValueError as problem:
+        parser.exit(1, f"{problem}; fbl-gym leaderboard computes the board\n")
     names = tuple(families(arguments.suite))
     number = int(board.version, 16) if arguments.number is None else arguments.number
-    if number < 0:
-        parser.error(f"argument --number: must be 0 or more, got {number}")
     tasks = [draw(number, arguments.suite, family) for family in names]
     first: dict[str, PolicySpec] = {board.policies[i]: board.specs[i] for i in board.order if i in board.ranked}
     sealed = {(name, task.name): Cell(spec, task, seeds) for name, spec in first.items() for task, seeds in tasks}

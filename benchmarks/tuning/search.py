@@ -83,7 +83,7 @@ class Task:
     Attributes:
         policy: the policy.
         scenarios: of the runs; the first one is that of the margins.
-        seeds: of the runs in each scenario; the arms of the margins have those from the first on.
+        seeds: of the runs in each scenario; the arms of the margins begin with the first.
         margins: phase [degrees] and delay [samples] below which the gains pay; 0: they do not.
     """
 
@@ -157,8 +157,8 @@ class Task:
         """Return the price of small margins."""
         if not any(self.margins):
             return 0.0
-        arms = range(self.seeds.start, self.seeds.start + ARMS)
-        rows = margin_metrics(self.policy, self.scenarios[0], arms, gains)
+        first = min(self.seeds.start, SPLITS["tuning"][-1] + 1 - ARMS)  # fresh seeds are the last ones
+        rows = margin_metrics(self.policy, self.scenarios[0], range(first, first + ARMS), gains)
         found = np.array([[row[name] for name in MARGINS[:2]] for row in rows])
         lacking = np.maximum(0.0, 1.0 - np.nan_to_num(found, nan=np.inf) / np.maximum(self.margins, 1e-9))
         return float(PRICE * lacking.sum(axis=1).max())

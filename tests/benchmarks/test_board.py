@@ -198,6 +198,30 @@ def test_a_policy_that_cannot_run_a_scenario_stays_there():
     assert "`pid-flm`, motionless in 1 of 2 |" in markdown.leaderboard(found)
 
 
+def test_the_worst_family_is_beside_the_best_ranked_row():
+    """Cascade-flm errs least but in mass-error, where it has twice the error of pid-flm; an oracle does not count."""
+    found = board()
+    errors = np.full(found.errors.shape, 4.0)
+    errors[2, :1], errors[2, 1:4], errors[2, 4:], errors[3] = 1.0, 8.0, 2.0, 0.1
+    found = dataclasses.replace(found, runs=found.runs | {"error_pct": errors})
+    column = next(each for each in columns(found) if each.key == "worst-family")
+    assert [column.cell(i) for i in range(4)] == ["4, nominal", "4, nominal", "2, mass-error", "0.1, nominal"]
+    oracles = assemble([run_cell(cell) for cell in load("ideal").build(["oracle-flm"], ["nominal"], 2).cells])
+    assert "worst-family" not in {each.key for each in columns(oracles)}
+
+
+def test_first_rows_have_the_delay_margin_where_there_is_one():
+    found = changed(board(), delay_samples=[np.nan, 0.25, 1.5, np.nan])
+    rows = markdown.first_rows({"ideal": found}).splitlines()[2:]
+    assert [re.sub(r"[\d.]+ %", "E %", row) for row in rows] == [
+        "| 1 | `cascade-flm` E % · 1.5 |", "| 2 | `pid-flm` E % · 0.25 |", "| 3 | `zero` E % |",
+    ]  # fmt: skip
+
+
+def test_an_agent_of_one_class_is_in_its_board_alone():
+    assert [name for name in SUITES if "ppo" in load(name).policy_names] == ["servo"]
+
+
 def test_the_family_and_the_tier_of_a_scenario():
     for name in ("paper-3a", "mine", "mass-error-2~3f9a20"):  # each is its own family
         assert (family_of(name), tier_of(name)) == (name, "ideal")

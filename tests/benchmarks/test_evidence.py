@@ -1,6 +1,7 @@
 """Checks of the board: coverage, the sealed test, orders in two worlds, learning curves."""
 
 import json
+import re
 
 import numpy as np
 import pytest
@@ -58,6 +59,15 @@ def test_the_sealed_test_is_drawn_from_a_number():
         assert set(seeds) != set(others)
         assert len(set(seeds)) == 32
         assert all(30_000 <= seed < 40_000 for seed in seeds)
+
+
+@pytest.mark.parametrize(
+    ("number", "message"), [("-1", "must be 0 or more, got -1"), ("1", "no result yet.*computes the board")]
+)
+def test_a_draw_that_cannot_be_made_is_refused(number, message, tmp_path, capsys):
+    with pytest.raises(SystemExit):
+        sealed.main(["--number", number, "--policies", "zero", "--store", str(tmp_path)])
+    assert re.search(message, capsys.readouterr().err)
 
 
 def test_tau_of_the_sealed_test():

@@ -236,7 +236,7 @@ def test_rows_of_the_boards_are_stable_up_to_their_margins(robot, policy):
 
 
 def test_a_board_has_the_margins_of_its_nominal_arms():
-    """Of its first arms; a short board has none."""
+    """The margins are of its first arms; a short board has none."""
     cells = (("nominal", 16), ("nominal", 8), ("delay-2", 16))
     nominal, short, late = (run_cell(Cell("pid-flm@tuned", f"servo-{name}", range(n))).rows for name, n in cells)
     for seed, row in enumerate(nominal[:2]):
