@@ -13,7 +13,7 @@ from typing import Any, ClassVar, NamedTuple, Protocol, Self, TypeAlias
 
 import numpy as np
 
-from controllers.parts.drive import Drive
+from controllers.parts import Drive
 from fbl_gym.interface import Interface
 from fbl_gym.model.arm import Array, gravity_torque, inertia_matrix
 from fbl_gym.records.record import Record

@@ -16,11 +16,7 @@ import numpy as np
 
 from controllers.base import Policy, State, TorqueLaw
 from controllers.numerics.dynamics import forward_dynamics
-from controllers.parts.barrier import Barrier
-from controllers.parts.drive import Acting
-from controllers.parts.observers import OBSERVERS, Observer
-from controllers.parts.predictor import Predictor
-from controllers.parts.springs import Springs
+from controllers.parts import OBSERVERS, Acting, Barrier, Observer, Predictor, Springs
 from controllers.preview import known_reference
 from fbl_gym.interface import Interface, clip, make_layout
 from fbl_gym.model.arm import Array

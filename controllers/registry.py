@@ -69,8 +69,9 @@ def register(
     _REGISTRY[name] = _Entry(factory, summary, access, check_choice("kind", kind, KINDS))
 
 
-for _name, _path, _summary in catalogue.LAWS:
-    register(_name, f"controllers.{_path}", _summary, catalogue.ACCESS.get(_name, "nominal"))
+for _name, _module, _summary in catalogue.LAWS:
+    _path = f"controllers.{_module}:{_name.title().replace('-', '')}"
+    register(_name, _path, _summary, catalogue.ACCESS.get(_name, "nominal"))
 
 
 def entry_points() -> tuple[metadata.EntryPoint, ...]:

@@ -8,8 +8,7 @@ import numpy as np
 
 from controllers.base import State, TorqueLaw
 from controllers.numerics.dynamics import forward_dynamics, inverse_dynamics
-from controllers.parts.drive import Acting
-from controllers.parts.observers import Eso
+from controllers.parts import Acting, Eso
 from fbl_gym.model.arm import Array, inertia_matrix
 from fbl_gym.records.checks import Pair
 from fbl_gym.records.record import pair
@@ -28,7 +27,7 @@ class ComputedTorqueEso(TorqueLaw):
 
         a = r'' + wc^2 (r - q) + 2 wc (r' - v) - f,    torque = M a + C v + G
 
-    q, v and f come from the extended state observer (`parts.Eso`); f is the acceleration that the
+    q, v and f come from the extended state observer (`Eso`); f is the acceleration that the
     nominal model does not explain. A constant load leaves no error. The law is active disturbance
     rejection whose b0 is the inverse of the full nominal inertia. The observer gets the torque
     within its limits as the known drive applies it.

@@ -9,7 +9,7 @@ import numpy as np
 from controllers.base import State
 from controllers.laws.computed_torque import ComputedTorque
 from controllers.numerics.dynamics import inverse_dynamics
-from controllers.parts.drive import Acting
+from controllers.parts import Acting
 from fbl_gym.model.arm import STANDARD_GRAVITY, Array, gravity_torque
 from fbl_gym.records.checks import Pair
 from fbl_gym.records.record import number

@@ -10,8 +10,7 @@ from scipy.linalg import solve_continuous_are
 from scipy.signal import cont2discrete, tf2ss
 
 from controllers.base import State, TorqueLaw
-from controllers.numerics.dynamics import inverse_dynamics
-from controllers.numerics.windup import winds_up
+from controllers.numerics.dynamics import inverse_dynamics, winds_up
 from fbl_gym.model.arm import Array
 from fbl_gym.records.checks import Pair
 from fbl_gym.records.record import pair

@@ -8,8 +8,7 @@ import numpy as np
 from scipy.linalg import solve_discrete_are
 
 from controllers.base import State, TorqueLaw
-from controllers.numerics.dynamics import inverse_dynamics
-from controllers.numerics.windup import winds_up
+from controllers.numerics.dynamics import inverse_dynamics, winds_up
 from controllers.paper.kalman import JointKalman, RobustState
 from fbl_gym.model.arm import Array
 from fbl_gym.records.checks import Pair

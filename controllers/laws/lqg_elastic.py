@@ -12,7 +12,7 @@ from scipy.linalg import expm
 from controllers.base import State, TorqueLaw
 from controllers.numerics.elastic import brake, follow, move
 from controllers.numerics.regulator import ANGLES, COSINES, at_angle, design, regulator
-from controllers.parts.drive import Acting
+from controllers.parts import Acting
 from controllers.preview import Places, between, known_reference, past_reference, places
 from fbl_gym.interface import clip
 from fbl_gym.model.arm import ArmParameters, Array, inertia_matrix

@@ -2,13 +2,13 @@
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import NamedTuple
+from typing import ClassVar, NamedTuple
 
 import numpy as np
 
 from controllers.base import State, TorqueLaw
-from controllers.parts.drive import Acting
-from fbl_gym.model.arm import Array, inertia_matrix
+from controllers.parts import Acting
+from fbl_gym.model.arm import Array, inertia_matrix, regressor, with_rotors
 from fbl_gym.records.checks import Pair
 from fbl_gym.records.record import number, pair
 
@@ -75,7 +75,7 @@ class SlotineLiState(NamedTuple):
 
 
 class CompositeState(NamedTuple):
-    """State of `CompositeSlotineLi`."""
+    """State of `SlotineLiComposite`."""
 
     estimate: Array  # p^ [n x 9]
     position: Array  # at the last sample [n x 2] rad
@@ -179,7 +179,7 @@ class SlotineLi(_Sliding):
 
 
 @dataclass(frozen=True)
-class CompositeSlotineLi(SlotineLi):
+class SlotineLiComposite(SlotineLi):
     """`SlotineLi` with estimates that the error of predicting the torque drives too.
 
         p^' = Gamma (Y' s - composite W' (W p^ - LP(torque)) / (p1 + tr(W Gamma W')))
@@ -256,3 +256,45 @@ class SpongRobust(_Sliding):
         power = np.einsum("nij,ni->nj", y, s) * nominal
         u = self.bound * nominal * np.clip(power / (self.epsilon * nominal[0]), -1.0, 1.0)
         return self.along(y, nominal + u, q, a_r, s), state
+
+
+@dataclass(frozen=True)
+class ComputedTorqueAdaptive(SlotineLi):
+    """Computed torque on an estimated model, whose estimates follow the tracking error.
+
+        torque = M^ a + C^ v + G^ + friction^,    a = r'' + (slope + damping) e' + slope damping e
+        p^' = Gamma Y(q, v, q'')' M^^-1 W s,    s = e' + slope e
+
+    The error obeys s' + damping s = M^^-1 Y (p - p^). With W the diagonal of the stretched nominal
+    inertia, V = (s'W s + (p - p^)' Gamma^-1 (p - p^)) / 2 falls by damping s'W s. Parameters, box
+    and gains are those of `SlotineLi`. M^ is inverted, so p3 stays below 0.95 (p1 p2)^(1/2), which
+    keeps it positive definite.
+
+    Sensors: position, velocity and acceleration. Source: Craig, Hsu and Sastry, "Adaptive control
+    of mechanical manipulators", Int. J. Robotics Research 6(2), 1987.
+
+    Args:
+        slope, damping, adaptation, friction, reach: as in `SlotineLi`. The poles of the error are
+            -slope and -damping.
+    """
+
+    needs: ClassVar[tuple[str, ...]] = ("position", "velocity", "acceleration")
+
+    def torque(self, observation: Array, state: State) -> tuple[Array, State]:
+        """Return the torque [n x 2] N m, and the next estimates."""
+        q, v, acceleration = self.read(observation, "position", "velocity", "acceleration")
+        r, r_dot, r_ddot = self.read(observation, "reference_position", "reference_velocity", "reference_acceleration")
+        slope, estimate, rotor = np.array(self.slope), state.estimate, np.array(self.interface.nominal.rotor)
+        s = r_dot - v + slope * (r - q)
+        a = r_ddot + slope * (r_dot - v) + self.damping * s
+        friction = friction_regressor(v)
+        y, measured = (np.concatenate([regressor(q, v, x), friction], axis=-1) for x in (a, acceleration))
+        torque = np.einsum("nij,nj->ni", y, estimate) + rotor * a
+        inertia = inertia_matrix(with_rotors(estimate[:, :5], rotor), q)
+        weighted = np.linalg.solve(inertia, (self.stretched * s)[..., None])[..., 0]
+        change = self.rates * np.einsum("nij,ni->nj", measured, weighted)
+        free = np.all(self.interface.saturate(torque) == torque, axis=-1, keepdims=True)
+        estimate = np.clip(estimate + self.interface.control_dt * np.where(free, change, 0.0), *self.box)
+        most = 0.95 * np.sqrt(estimate[:, 0] * estimate[:, 1])
+        estimate[:, 2] = np.clip(estimate[:, 2], -most, most)
+        return torque, SlotineLiState(estimate)

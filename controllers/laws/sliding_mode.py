@@ -6,15 +6,14 @@ import numpy as np
 
 from controllers.base import IntegralLaw, IntegralState, State
 from controllers.laws.computed_torque import ComputedTorqueDob
-from controllers.numerics.dynamics import inverse_dynamics
-from controllers.numerics.windup import winds_up
+from controllers.numerics.dynamics import inverse_dynamics, winds_up
 from fbl_gym.model.arm import Array
 from fbl_gym.records.checks import Pair
 from fbl_gym.records.record import number, pair
 
 
 @dataclass(frozen=True)
-class SuperTwisting(IntegralLaw):
+class SlidingMode(IntegralLaw):
     """Super-twisting sliding mode.
 
         a = r'' + slope e' + k1 |s|^(1/2) sign(s) + z,    z' = k2 sign(s),    s = e' + slope e

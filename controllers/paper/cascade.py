@@ -5,8 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from controllers.base import IntegralLaw, IntegralState, State
-from controllers.numerics.dynamics import inverse_dynamics
-from controllers.numerics.windup import winds_up
+from controllers.numerics.dynamics import inverse_dynamics, winds_up
 from fbl_gym.model.arm import ArmParameters, Array
 from fbl_gym.options import Friction
 from fbl_gym.records.checks import Pair

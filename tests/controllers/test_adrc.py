@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import controllers
-from controllers.parts.observers import Eso
+from controllers.parts import Eso
 from fbl_gym import TwoLinkArmEnv
 from tests.controllers.closed_loop import loop
 

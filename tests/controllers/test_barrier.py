@@ -6,7 +6,7 @@ import pytest
 import controllers
 from benchmarks.policies.spec import resolve
 from controllers.composition import Filtered
-from controllers.parts.barrier import Barrier
+from controllers.parts import Barrier
 from fbl_gym import TwoLinkArmEnv
 from fbl_gym.model.arm import forward_dynamics
 from fbl_gym.scenarios import as_scenario

@@ -8,9 +8,7 @@ from benchmarks.policies.spec import resolve
 from controllers import catalogue
 from controllers.base import leaves
 from controllers.composition import Composed
-from controllers.parts.drive import Drive
-from controllers.parts.observers import OBSERVERS
-from controllers.parts.springs import Springs
+from controllers.parts import OBSERVERS, Drive, Springs
 from fbl_gym import TABLE_1, TwoLinkArmEnv, TwoLinkArmVectorEnv, scenarios
 from fbl_gym.model.arm import inverse_dynamics
 from fbl_gym.records.record import tuning_ranges
