@@ -74,20 +74,16 @@ for _name, _module, _summary in catalogue.LAWS:
     register(_name, _path, _summary, catalogue.ACCESS.get(_name, "nominal"))
 
 
-def entry_points() -> tuple[metadata.EntryPoint, ...]:
-    """Return the entry points by which installed packages register policies."""
-    return _entry_points(tuple(sys.path))
-
-
 @lru_cache(maxsize=1)
-def _entry_points(_path: tuple[str, ...]) -> tuple[metadata.EntryPoint, ...]:
+def entry_points(_path: tuple[str, ...]) -> tuple[metadata.EntryPoint, ...]:
+    """Return the entry points by which packages in folders register policies."""
     return tuple(metadata.entry_points(group=ENTRY_POINTS))
 
 
 def external() -> dict[str, metadata.EntryPoint]:
     """Return the entry points of policies without another registration, by name, not loaded."""
     # The agents of fbl-gym come last, so that no other package replaces them.
-    points = sorted(entry_points(), key=lambda point: point.module.startswith("benchmarks."))
+    points = sorted(entry_points(tuple(sys.path)), key=lambda point: point.module.startswith("benchmarks."))
     return {point.name: point for point in points if point.name not in _REGISTRY}
 
 
@@ -100,9 +96,8 @@ def _entry(policy: str | PolicyName) -> _Entry:
     """Return a policy's entry, with its factory imported if it is composed or from a package."""
     name = as_name(policy)
     if name.parts:
-        law = _entry(name.source)
-        factory = compose(_load(law), *name.parts)
-        return _Entry(factory, f"{law.summary}; with {' and '.join(name.parts)}", None, law.kind)
+        law, summary = _entry(name.source), f"; with {' and '.join(name.parts)}"
+        return _Entry(compose(_load(law), *name.parts), law.summary + summary, None, law.kind)
     if name.source in _REGISTRY:
         return _REGISTRY[name.source]
     if name.form != "name" or name.source not in external():
@@ -160,13 +155,9 @@ def access(policy: str | PolicyName | Callable[..., Any]) -> str:
 
     The policy is a name, POLICY@tuned, or a factory as `register` takes it.
     """
-    if isinstance(policy, str | PolicyName):
-        if (registered := _entry(policy).access) is not None:
-            return registered
-        build = factory(policy)
-    else:
-        build = policy
-    return check_choice(f"access of {_name_of(policy)}", getattr(build, "access", "nominal"), ACCESS)
+    entry = _entry(policy) if isinstance(policy, str | PolicyName) else _Entry(policy, "", None, "")
+    given = entry.access or getattr(_load(entry), "access", "nominal")
+    return check_choice(f"access of {_name_of(policy)}", given, ACCESS)
 
 
 def factory(policy: str | PolicyName) -> Callable[..., Any]:
@@ -229,12 +220,10 @@ def make(policy: str | PolicyName | Callable[..., Any], env: Any, **gains: Any) 
     tuned: dict[str, Any] = {}
     if isinstance(policy, str | PolicyName):
         policy = as_name(policy)
-        build = factory(policy)
+        build, gains = completed(factory(policy), interface), policy.given_gains | gains
         tuned = tuned_gains(policy, interface.robot_class) if policy.tuned else {}
-        gains = policy.given_gains | gains
     else:
-        build = policy
-    build = completed(build, interface)
+        build = completed(policy, interface)
     parameters = inspect.signature(build).parameters
     if not parameters:
         raise ValueError(f"{_name_of(policy)} makes no policy: it must take the interface as its first argument")

@@ -69,7 +69,7 @@ class CascadeFlm(IntegralLaw):
 
         q [rad] and v [rad/s] are measured or estimated. The model is an arm, or estimated lumped
         parameters [n x 5], with rotors [n x 7]. The schedule multiplies the inner loops' error, in
-        P and in the integral; see `gain_scheduling.py`.
+        P and in the integral; see `adaptive.schedule`.
         """
         r, r_dot = self.read(observation, "reference_position", "reference_velocity")
         error = schedule * (r_dot + np.array(self.kp) * (r - q) - v)

@@ -6,7 +6,7 @@ import pytest
 import controllers
 from benchmarks.run.metrics import measure
 from benchmarks.run.rollout import rollout
-from controllers.paper.gain_scheduling import FORMS, schedule
+from controllers.paper.adaptive import FORMS, schedule
 from fbl_gym import TwoLinkArmEnv, scenarios
 from tests.controllers.closed_loop import nominal, tracking
 

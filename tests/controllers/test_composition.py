@@ -120,7 +120,7 @@ def test_an_observer_estimates_the_motion(name, wrong_model):
     errors = []
     for observation, state, *_ in loop(law, env, 300):
         state, truth = state or law.initial(observation[None]), env.truth
-        estimate = law._look(observation[None], state).estimate[0]
+        estimate = law._look(observation[None], state)[1][0]
         errors.append(estimate[:, :3].T - [truth.position, truth.velocity, truth.acceleration])
     position, velocity, acceleration = np.abs(errors[50:]).mean(axis=(0, 2))
     largest = {"kalman": 0.05 if wrong_model else 1e-3, "eso": 1e-3}

@@ -5,7 +5,7 @@ import pytest
 
 from controllers.numerics import dynamics
 from controllers.numerics.solving import TOGETHER, least_squares
-from controllers.paper.estimator import estimate, lumped_of, plausible, point_masses
+from controllers.paper.adaptive import estimate, lumped_of, plausible, point_masses
 from fbl_gym import TABLE_1, ArmParameters
 from fbl_gym.model import arm
 from fbl_gym.model.arm import forward_dynamics, inertia_matrix, inverse_dynamics, regressor

@@ -9,7 +9,7 @@ from scipy.linalg import solve_continuous_are, solve_discrete_are
 import controllers
 from benchmarks.run.metrics import measure
 from benchmarks.run.rollout import rollout
-from controllers.paper.kalman import PAPER_SIGMA, JointKalman, continuous_gains, gains
+from controllers.paper.kalman import PAPER_SIGMA, JointKalman, gains
 from fbl_gym import TwoLinkArmEnv, scenarios
 from tests.controllers.closed_loop import tracking
 
@@ -22,7 +22,7 @@ def test_the_gain_at_a_fast_rate_is_the_papers_continuous_gain():
     k = (p @ c.T / 0.1).ravel()
     np.testing.assert_allclose(k, [1.41421, 1.0], atol=1e-5)
     # Ours, per sample, is that times dt, with an error that shrinks with dt; the continuous form has it at any dt.
-    np.testing.assert_allclose(continuous_gains(1e-3, PAPER_SIGMA, PAPER_SIGMA)[-1] / 1e-3, k, rtol=1e-3)
+    np.testing.assert_allclose(gains(1e-3, PAPER_SIGMA, PAPER_SIGMA, "continuous")[-1] / 1e-3, k, rtol=1e-3)
     assert np.abs(gains(1e-2, PAPER_SIGMA, PAPER_SIGMA)[-1] / 1e-2 - k).max() < 1.1e-2
     assert np.abs(gains(1e-3, PAPER_SIGMA, PAPER_SIGMA)[-1] / 1e-3 - k).max() < 1.1e-3
 
