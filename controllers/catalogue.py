@@ -37,5 +37,5 @@ LAWS = (
     ("oracle-planned", "oracles.planned", "oracle-elastic along the feasible motion closest to the reference"),
 )
 
+#: What a law may know; all others know the nominal model.
 ACCESS = {"zero": "none", **{name: "oracle" for name, _, _ in LAWS if name.startswith("oracle")}}
-"""What a law may know; all others know the nominal model."""

@@ -19,8 +19,8 @@ from fbl_gym.model.arm import ArmParameters, Array
 from fbl_gym.records.checks import Pair
 from fbl_gym.records.record import Record, number, pair
 
+#: Largest velocity of a prediction [rad/s], which keeps the numbers of a diverging arm finite.
 FASTEST = 200.0
-"""Largest velocity of a prediction [rad/s], which keeps the numbers of a diverging arm finite."""
 
 
 class Acting(NamedTuple):
@@ -115,8 +115,8 @@ class Drive:
         return np.array([(t, keep, self.lag * (1.0 - keep)) for t, keep in zip(times, keeps, strict=True)])
 
 
+#: Tuning range of an observer's bandwidth [rad/s].
 TUNE = (15.0, 300.0)
-"""Tuning range of an observer's bandwidth [rad/s]."""
 
 
 @dataclass(frozen=True)
@@ -219,8 +219,8 @@ class Kalman(Observer):
         return np.stack([q + self.dt * v + 0.5 * self.dt**2 * u, v + self.dt * u, u, f], axis=-1)
 
 
+#: The observers, by name.
 OBSERVERS: dict[str, type[Eso | Kalman]] = {"kalman": Kalman, "eso": Eso}
-"""The observers, by name."""
 
 
 @dataclass(frozen=True)

@@ -14,14 +14,14 @@ from fbl_gym.model.arm import STANDARD_GRAVITY, Array, gravity_torque
 from fbl_gym.records.checks import Pair
 from fbl_gym.records.record import number
 
+#: Random features.
 FEATURES = 40
-"""Random features."""
 
+#: Length scales of the kernel: angles [rad], velocities [rad/s], accelerations [rad/s^2].
 LENGTHS = np.array([1.0, 1.0, 2.0, 2.0, 5.0, 5.0])
-"""Length scales of the kernel: angles [rad], velocities [rad/s], accelerations [rad/s^2]."""
 
+#: Standard deviation of the process: the torque missed, as a share of the arm's weight.
 SIGNAL = 0.3
-"""Standard deviation of the process: the torque missed, as a share of the arm's weight."""
 
 
 class GpState(NamedTuple):

@@ -18,8 +18,8 @@ from fbl_gym.model.arm import Array
 from fbl_gym.records.checks import Pair
 from fbl_gym.records.record import number
 
+#: Samples of a trial that the state has room for at first. The room doubles when it is full.
 CAPACITY = 64
-"""Samples of a trial that the state has room for at first. The room doubles when it is full."""
 
 
 class IlcState(NamedTuple):

@@ -22,11 +22,11 @@ from controllers.paper.kalman import RobustFlm
 from fbl_gym.model.arm import STANDARD_GRAVITY, Array, inertia_matrix, regressor, with_rotors
 from fbl_gym.records.record import choice, number, table
 
+#: Samples of an estimate: the paper's three.
 SAMPLES = 3
-"""Samples of an estimate: the paper's three."""
 
+#: Forms of a gain schedule: (46), a switch, and linguistic rules.
 FORMS = ("soft", "hard", "fuzzy")
-"""Forms of a gain schedule: (46), a switch, and linguistic rules."""
 
 
 def estimate(y: Array, torque: Array, weakest: float) -> tuple[Array, NDArray[np.bool_]]:
