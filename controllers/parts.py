@@ -1,12 +1,9 @@
 """All that goes around a law: its datasheet's drive, observers, predictor, springs, barrier."""
 
-from __future__ import annotations
-
-import dataclasses
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
-from typing import NamedTuple
+from typing import NamedTuple, Self
 
 import numpy as np
 from scipy.linalg import solve_discrete_are
@@ -52,7 +49,7 @@ class Drive:
     sent: Array | None = None
 
     @classmethod
-    def of(cls, interface: Interface) -> Drive:
+    def of(cls, interface: Interface) -> Self:
         """Return the drive of an interface."""
         return cls(interface.control_dt, sum(interface.delay) / 2 + interface.latency, sum(interface.lag) / 2)
 
@@ -242,7 +239,7 @@ class Predictor(Record):
         lead: share of the lag that is inverted.
     """
 
-    interface: Interface = dataclasses.field(repr=False)
+    interface: Interface = field(repr=False)
     lead: float = number(0.5, low=0, high=1, tune=(0.05, 1.0))
 
     @cached_property
@@ -313,7 +310,7 @@ class Springs(Record):
         share: of the deflection that the motors lead by.
     """
 
-    interface: Interface = dataclasses.field(repr=False)
+    interface: Interface = field(repr=False)
     share: float = number(1.0, low=0, high=2, tune=(0.5, 1.5))
 
     @cached_property
@@ -367,7 +364,7 @@ class Barrier(Record):
         margin: distance that is kept from the bounds of the position.
     """
 
-    interface: Interface = dataclasses.field(repr=False)
+    interface: Interface = field(repr=False)
     decay: float = number(10.0, unit="1/s", above=0, tune=(2.0, 50.0))
     margin: Pair | float = pair(0.0, unit="rad", low=0)
 

@@ -8,12 +8,11 @@ class of robots. POLICY@tuned has the gains for the class of the robot that it i
 LAW+PART has no such file, it has the gains of LAW, and the part its defaults.
 """
 
-import dataclasses
 import inspect
 import json
 import sys
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, fields, is_dataclass
 from functools import lru_cache
 from importlib import metadata
 from pathlib import Path
@@ -111,7 +110,7 @@ def _entry(policy: str | PolicyName) -> _Entry:
 
 def check_gains(policy: str | PolicyName, factory: Callable[..., Any]) -> None:
     """Refuse a law with a gain whose name is one of `DECLARED`."""
-    names = {field.name for field in dataclasses.fields(factory)} if dataclasses.is_dataclass(factory) else set()
+    names = {field.name for field in fields(factory)} if is_dataclass(factory) else set()
     for gain in sorted(names.intersection(DECLARED)):
         raise ValueError(
             f"gain {gain!r} of {policy} must have another name: the name is reserved for what a policy declares of "

@@ -6,11 +6,10 @@ from typing import ClassVar, NamedTuple
 
 import numpy as np
 
-from controllers.base import State, TorqueLaw
+from controllers.base import Gain, State, TorqueLaw
 from controllers.numerics.dynamics import forward_dynamics, inverse_dynamics
 from controllers.parts import Acting, Eso
 from fbl_gym.model.arm import Array, inertia_matrix
-from fbl_gym.records.checks import Pair
 from fbl_gym.records.record import pair
 
 
@@ -43,8 +42,8 @@ class ComputedTorqueEso(TorqueLaw):
             several times wc; sensor noise limits it.
     """
 
-    controller_bandwidth: Pair | float = pair(12.0, unit="rad/s", above=0, tune=(2.0, 60.0))
-    observer_bandwidth: Pair | float = pair(60.0, unit="rad/s", above=0, tune=(15.0, 300.0))
+    controller_bandwidth: Gain = pair(12.0, unit="rad/s", above=0, tune=(2.0, 60.0))
+    observer_bandwidth: Gain = pair(60.0, unit="rad/s", above=0, tune=(15.0, 300.0))
 
     needs: ClassVar[tuple[str, ...]] = ("position",)
 
@@ -98,8 +97,8 @@ class Ladrc(ComputedTorqueEso):
         controller_bandwidth, observer_bandwidth: as in `ComputedTorqueEso`.
     """
 
-    controller_bandwidth: Pair | float = 15.0
-    observer_bandwidth: Pair | float = 150.0
+    controller_bandwidth: Gain = 15.0
+    observer_bandwidth: Gain = 150.0
 
     @cached_property
     def b0(self) -> Array:

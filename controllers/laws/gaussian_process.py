@@ -6,12 +6,11 @@ from typing import NamedTuple
 
 import numpy as np
 
-from controllers.base import State
+from controllers.base import Gain, State
 from controllers.laws.computed_torque import ComputedTorque
 from controllers.numerics.dynamics import inverse_dynamics
 from controllers.parts import Acting
 from fbl_gym.model.arm import STANDARD_GRAVITY, Array, gravity_torque
-from fbl_gym.records.checks import Pair
 from fbl_gym.records.record import number
 
 #: Random features.
@@ -58,7 +57,7 @@ class ComputedTorqueGp(ComputedTorque):
         noise: standard deviation of y's noise, as a share of the weight.
     """
 
-    frequency: Pair | float = 10.0
+    frequency: Gain = 10.0
     memory: float = number(20.0, unit="s", above=0, tune=(2.0, 100.0))
     noise: float = number(0.1, above=0, tune=(0.01, 3.0))
 

@@ -9,10 +9,9 @@ from scipy.interpolate import pade
 from scipy.linalg import solve_continuous_are
 from scipy.signal import cont2discrete, tf2ss
 
-from controllers.base import State, TorqueLaw
+from controllers.base import Gain, State, TorqueLaw
 from controllers.numerics.dynamics import inverse_dynamics, winds_up
 from fbl_gym.model.arm import Array
-from fbl_gym.records.checks import Pair
 from fbl_gym.records.record import pair
 
 #: Zero of the weight's integral action, in multiples of the bandwidth.
@@ -73,7 +72,7 @@ class HInfinity(TorqueLaw):
         bandwidth: w [rad/s], per joint: of the shaped plant without its dead time.
     """
 
-    bandwidth: Pair | float = pair(25.0, unit="rad/s", above=0, tune=(5.0, 200.0))
+    bandwidth: Gain = pair(25.0, unit="rad/s", above=0, tune=(5.0, 200.0))
 
     needs: ClassVar[tuple[str, ...]] = ("position",)
 

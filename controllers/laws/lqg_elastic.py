@@ -1,8 +1,7 @@
 """LQG on the full nominal arm, springs and drives included."""
 
-import dataclasses
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import ClassVar, NamedTuple
 
@@ -105,7 +104,7 @@ class LqgElastic(TorqueLaw):
     def arm(self) -> ArmParameters:
         """The links, with those rotors that turn with them."""
         nominal = self.interface.nominal
-        return dataclasses.replace(nominal, rotor=(0.0, 0.0)) if len(self.springs) else nominal
+        return replace(nominal, rotor=(0.0, 0.0)) if len(self.springs) else nominal
 
     @cached_property
     def slope(self) -> Array:
