@@ -17,35 +17,32 @@ from controllers import Runner
 from controllers.base import TorqueLaw
 from controllers.laws.computed_torque import ComputedTorque
 from fbl_gym import TwoLinkArmEnv, scenarios
+from fbl_gym.options import SENSORS
 
 SCENARIO = scenarios.get("servo-delay-2").replace(duration=1.0)
 ARM = {"parameter_error": {"radius": 0.2}, "friction": {"viscous": 5.0, "coulomb": 5.0}, "duration": 1.0}
 
 
-def reference_of(env, observation):
-    """Return the rows of the reference that an observation has, [rows x 6]."""
-    slots = [f"reference_{name}" for name in ("position", "velocity", "acceleration")]
-    rows = [observation[env.unwrapped.layout[slot]] for slot in slots]
-    if "preview" in env.unwrapped.layout:
-        rows.append(observation[env.unwrapped.layout["preview"]])
-    return np.concatenate(rows).reshape(-1, 6)
-
-
 def readings(env, observation, computed=True):
     """Return the arguments of `step` from an observation."""
-    names = [name for name in ("position", "velocity", "acceleration") if name in env.unwrapped.layout]
-    names = [name for name in names if not (name == "velocity" and computed)]
-    measured = {name: observation[env.unwrapped.layout[name]] for name in names}
-    return measured | {"reference": reference_of(env, observation)}
+    layout = env.unwrapped.layout
+    names = [name for name in SENSORS if name in layout and not (name == "velocity" and computed)]
+    measured = {name: observation[layout[name]] for name in names}
+    return measured | {"reference": observation[layout.reference]}
+
+
+def computes(scenario):
+    """Return True if the encoder of a scenario computes the velocity."""
+    return scenario.encoder is not None and scenario.encoder.difference is not None
 
 
 def drive(runner, scenario, seed=3):
     """Run a runner on the arm of an environment that takes torques; return the torques [T x 2]."""
     env = TwoLinkArmEnv(scenario, action="torque", preview=runner.rows - 1)
     observation, _ = env.reset(seed=seed)
-    torques, computed = [], scenario.encoder is not None and scenario.encoder.difference is not None
+    torques = []
     for k in range(scenario.steps):
-        torques.append(runner.step(**readings(env, observation, computed), time=k * scenario.control_dt))
+        torques.append(runner.step(**readings(env, observation, computes(scenario)), time=k * scenario.control_dt))
         observation, _, terminated, _, _ = env.step(torques[-1])
         assert not terminated
     assert runner.stopped == ""
@@ -85,51 +82,36 @@ def test_torques_are_those_of_a_rollout(policy, world):
 def test_observations_are_those_of_the_environment(preview, options):
     """All bits of it: clipped readings, computed velocities, previous actions and preview."""
     scenario = scenarios.Scenario().replace(**ARM | {"initial_error": 0.05} | options)
-    seen = []
 
     def spy(interface):
-        return _Spy(controllers.make("zero", interface), seen)
+        return Mock(wraps=controllers.make("zero", interface))
 
     spy.preview = preview
     runner = Runner(spy, scenario, max_error=9.0)
     env = make_env(dataclasses.replace(resolve("zero"), preview=preview), scenario, None)
     observation, _ = env.reset(seed=5)
-    computed = scenario.encoder is not None and scenario.encoder.difference is not None
     for k in range(40):
-        runner.step(**readings(env, observation, computed), time=k * scenario.control_dt)
+        runner.step(**readings(env, observation, computes(scenario)), time=k * scenario.control_dt)
         assert runner.stopped == ""
-        assert (seen[-1][0] == observation).all()
-        observation = env.step(runner.policy.action)[0]
+        assert (runner.policy.predict.call_args.args[0] == observation).all()
+        observation = env.step(np.zeros(2))[0]
 
 
-class _Spy:
-    def __init__(self, policy, seen):
-        self.policy, self.seen = policy, seen
-
-    def predict(self, observation, state=None, episode_start=None, deterministic=False):
-        self.seen.append(observation.copy())
-        action, state = self.policy.predict(observation, state, episode_start, deterministic)
-        self.action = action[0]
-        return action, state
-
-
-# Names.
-
-
-def test_names_that_are_no_robots_policy():
-    with pytest.raises(ValueError, match="reads the truth"):
-        Runner("oracle-flm", SCENARIO)
-    with pytest.raises(ValueError, match="unknown policy 'pd-gravty'"):
-        Runner("pd-gravty@my_gains", SCENARIO)
+# Arguments.
 
 
 @pytest.mark.parametrize(
-    ("argument", "value"),
-    [("ramp", -1.0), ("max_error", 0.0), ("max_interval", 0.001), ("ramp", np.nan), ("max_velocity", (1.0, 0.0))],
-)
-def test_a_wrong_argument_is_named(argument, value):
-    with pytest.raises(ValueError, match=argument):
-        Runner("pd-gravity", SCENARIO, **{argument: value})
+    ("policy", "options", "error"),
+    [
+        ("oracle-flm", {}, "reads the truth"), ("pd-gravty@my_gains", {}, "unknown policy 'pd-gravty'"),
+        ("pd-gravity", {"ramp": -1.0}, "ramp"), ("pd-gravity", {"ramp": np.nan}, "ramp"),
+        ("pd-gravity", {"max_error": 0.0}, "max_error"), ("pd-gravity", {"max_interval": 0.001}, "max_interval"),
+        ("pd-gravity", {"max_velocity": (1.0, 0.0)}, "max_velocity"),
+    ],
+)  # fmt: skip
+def test_a_wrong_argument_is_named(policy, options, error):
+    with pytest.raises(ValueError, match=error):
+        Runner(policy, SCENARIO, **options)
 
 
 def test_gains_of_another_arm_are_a_warning(tmp_path):
@@ -195,9 +177,6 @@ def test_a_bad_first_reading_is_an_error(case, error):
     assert runner.stopped == ""
     torque = runner.step(**good)
     assert (torque == Runner("computed-torque-dob+predictor", SCENARIO).step(**good)).all()
-
-
-def test_a_signal_that_the_scenario_needs_is_named():
     with pytest.raises(ValueError, match="velocity must be given: this scenario needs position and velocity"):
         Runner("pd-gravity", SCENARIO.replace(encoder=None)).step([0.0, 0.0], np.zeros(6))
 
@@ -353,6 +332,16 @@ def test_the_loop_of_the_page_survives_a_false_reading(policy, fault, run_page):
     assert not runner.stopping
 
 
+def check_end(run, steps, stopped, expected=None):
+    """Check the steps of a run before its ramp, the reason of its end, and the error that is raised."""
+    robot, runner, error = run
+    assert error is expected
+    assert runner.stopped.startswith(stopped)
+    assert (runner.stopped == "") == (stopped == "")
+    assert len(robot.torques) == steps + 50
+    check_ramp(robot.torques)
+
+
 @pytest.mark.parametrize("failure", [RuntimeError("no solution"), SystemExit(3), KeyboardInterrupt()], ids=repr)
 def test_the_loop_of_the_page_survives_a_policy_that_fails(failure, monkeypatch, run_page):
     decide, calls = ComputedTorque.predict, []
@@ -364,19 +353,12 @@ def test_the_loop_of_the_page_survives_a_policy_that_fails(failure, monkeypatch,
         return decide(*args, **options)
 
     monkeypatch.setattr(ComputedTorque, "predict", predict)
-    robot, runner, error = run_page()
-    assert error is None
-    assert runner.stopped == (str(failure) or repr(failure))
-    assert len(robot.torques) == FAULT - 1 + 50
-    check_ramp(robot.torques)
+    check_end(run_page(), FAULT - 1, str(failure) or repr(failure))
 
 
 def test_the_loop_of_the_page_survives_a_late_reading(run_page):
     text = LOOP.replace("time=k *", "time=(k + 2 * (k >= 50)) *")
-    robot, runner, _ = run_page(text=text)
-    assert runner.stopped.startswith("time must go on by at most 0.02 s")
-    assert len(robot.torques) == FAULT + 50
-    check_ramp(robot.torques)
+    check_end(run_page(text=text), FAULT, "time must go on by at most 0.02 s")
 
 
 @pytest.mark.parametrize("failure", [KeyboardInterrupt(), SystemExit(3), OSError("cable"), None], ids=repr)
@@ -387,11 +369,8 @@ def test_the_loop_of_the_page_ends_in_a_ramp(failure, run_page):
         if failure is not None and call in (FAULT, FAULT + 20, FAULT + 50):
             raise failure
 
-    robot, runner, error = run_page(at_step=at_step)
-    assert error is failure
-    assert runner.stopped == ("" if failure is None else str(failure) or repr(failure))
-    assert len(robot.torques) == (400 if failure is None else FAULT - 1) + 50
-    check_ramp(robot.torques)
+    reason = "" if failure is None else str(failure) or repr(failure)
+    check_end(run_page(at_step=at_step), 400 if failure is None else FAULT - 1, reason, failure)
 
 
 def test_a_full_disk_ends_the_log_alone(monkeypatch, run_page):
