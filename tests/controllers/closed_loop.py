@@ -2,8 +2,9 @@
 
 import numpy as np
 
+import controllers
 from benchmarks.run.contract import check
-from fbl_gym import TwoLinkArmEnv, scenarios
+from fbl_gym import TwoLinkArmEnv, TwoLinkArmVectorEnv, scenarios
 
 # References at rest, on which loops are linear, and an exciting one.
 STILL = {"kind": "minimum-jerk", "points": ((-1.0, 0.5),)}
@@ -47,6 +48,12 @@ def tracking(policy, env, steps, seed=0):
     pairs = [(error_of(env), state) for *_, state in loop(policy, env, steps, seed)]
     errors, states = zip(*pairs, strict=True)
     return np.array([*errors, error_of(env)]), states
+
+
+def mean_error(name, steps=300, skip=50, lanes=4, **options):
+    """Return the mean true error of a law after its first samples [rad]."""
+    env = TwoLinkArmVectorEnv(lanes, **options)
+    return np.abs(tracking(controllers.make(name, env), env, steps)[0][skip:]).mean()
 
 
 def broken_promises(policy, scenario=None):

@@ -45,8 +45,8 @@ def test_the_observer_has_its_time_constant(control_dt, bandwidth):
     assert np.abs(estimate - expected).max() < 0.02 * np.abs(load).max()
 
 
+#: A bandwidth at which nothing is filtered [rad/s].
 AT_ONCE = 1e6
-"""A bandwidth at which nothing is filtered [rad/s]."""
 
 
 def test_without_the_filter_the_law_is_incremental():

@@ -18,7 +18,7 @@ from fbl_gym import ArmParameters, Interface, TwoLinkArmEnv, TwoLinkArmVectorEnv
 from fbl_gym.scenarios.class_families import conditions
 from fbl_gym.scenarios.classes import CLASSES
 from fbl_gym.scenarios.scenario import Scenario
-from tests.controllers.closed_loop import broken_promises, nominal, tracking
+from tests.controllers.closed_loop import broken_promises, mean_error, nominal, tracking
 
 NAMES = controllers.names()
 
@@ -84,16 +84,10 @@ MODEL_BASED = ("computed-torque", "cascade-flm", "adaptive-flm", "slotine-li", "
          "computed-torque-tde", "rbf-adaptive", "computed-torque-dob")  # fmt: skip
 
 
-def mean_error(name, arm):
-    """Return the mean position error [rad] over two seconds in four lanes."""
-    env = TwoLinkArmVectorEnv(4, arm=arm, action="torque", actuator=None)
-    errors, _ = tracking(controllers.factory(name)(env.interface), env, 200)
-    return np.abs(errors[1:]).mean()
-
-
 @pytest.mark.parametrize("name", MODEL_BASED)
 def test_a_law_follows_an_arm_with_rotors_as_well(name):
-    plain, heavy = mean_error(name, ArmParameters()), mean_error(name, ROTORS)
+    options = {"steps": 200, "skip": 1, "action": "torque", "actuator": None}
+    plain, heavy = (mean_error(name, arm=arm, **options) for arm in (ArmParameters(), ROTORS))
     assert heavy < 1.5 * plain + 1e-5
 
 

@@ -8,9 +8,9 @@ import pytest
 import controllers
 from controllers.laws.learning import SIGNAL
 from controllers.parts import Eso
-from fbl_gym import TwoLinkArmEnv, TwoLinkArmVectorEnv
+from fbl_gym import TwoLinkArmEnv
 from fbl_gym.model.arm import inertia_matrix, inverse_dynamics
-from tests.controllers.closed_loop import EXCITING, HANGING, STILL, loaded, loop, tracking
+from tests.controllers.closed_loop import EXCITING, HANGING, STILL, loaded, loop, mean_error, tracking
 
 MOTION = {"kind": "fourier", "centre": (-np.pi / 2, 0.0), "frequency": 0.3}
 INERTIA = np.diagonal(inertia_matrix(TwoLinkArmEnv().interface.nominal, (0.0, 0.0)))
@@ -45,12 +45,12 @@ def test_saturation_is_not_taken_for_a_disturbance(name):
     assert np.abs(errors[-1]).max() < 1e-3
 
 
+#: Laws with the sensors that they need, of which an accelerometer may be biased.
 INTEGRATING = {
     "cascade-flm": {}, "computed-torque-dob": {}, "pid-gravity": {}, "computed-torque-eso": {"sensors": ("position",)},
     "h-infinity": {"sensors": ("position",)}, "ladrc": {"sensors": ("position",)},
     "lqg": {"sensors": ("position", "acceleration"), "noise": {"acceleration": {"bias": 0.5}}},
 }  # fmt: skip
-"""Laws with the sensors that they need, of which an accelerometer may be biased."""
 
 
 @pytest.mark.parametrize("name", INTEGRATING)
@@ -157,7 +157,7 @@ def test_it_learns_what_the_model_misses():
     """On a wrong arm behind a delayed drive, the error falls to a fraction of that of computed torque."""
     wrong = {"parameter_error": {"radius": 0.2}, "friction": {"viscous": 10.0}}
     late = {"actuator": {"delay_samples": 1, "lag": 0.01}}
-    env = TwoLinkArmVectorEnv(2, reference=EXCITING, duration=15.0, **wrong, **late)
-    laws = (controllers.make(name, env, frequency=10.0) for name in ("computed-torque", "computed-torque-gp"))
-    plain, learned = (np.abs(tracking(law, env, 1400)[0][-500:]).mean() for law in laws)
+    options = {"steps": 1400, "skip": 901, "lanes": 2, "reference": EXCITING, "duration": 15.0, **wrong, **late}
+    names = ("computed-torque@frequency=10", "computed-torque-gp@frequency=10")
+    plain, learned = (mean_error(name, **options) for name in names)
     assert learned < 0.4 * plain
