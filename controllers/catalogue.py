@@ -5,7 +5,7 @@ LAWS = (
     ("zero", "laws.simple", "no torque at all"),
     ("pd-gravity", "laws.simple", "PD with the nominal gravity torque"),
     # the paper's controllers
-    ("pid-flm", "paper.cascade", "the paper's PID through nominal feedback linearisation (§2.2)"),
+    ("pid-flm", "paper.pid", "the paper's PID through nominal feedback linearisation (§2.2)"),
     ("cascade-flm", "paper.cascade", "the paper's cascade: inner velocity PI, outer P with feed-forward (§3.1)"),
     ("robust-flm", "paper.kalman", "the paper's robust controller: the cascade behind a Kalman filter (§3)"),
     ("adaptive-flm", "paper.adaptive", "the paper's adaptive controller: three-sample estimator, cascade (§4)"),
@@ -14,18 +14,18 @@ LAWS = (
     # comparators
     ("computed-torque-eso", "laws.adrc", "computed torque on an extended state observer, position alone"),
     ("ladrc", "laws.adrc", "linear active disturbance rejection: no model but the diagonal of the inertia (Gao)"),
-    ("lqg", "laws.optimal", "optimal regulator with integral action on a Kalman filter"),
+    ("lqg", "laws.lqg", "optimal regulator with integral action on a Kalman filter"),
     ("lqg-elastic", "laws.lqg_elastic", "LQG on links, springs, drive and disturbance, position alone"),
-    ("h-infinity", "laws.optimal", "H-infinity loop shaping, position alone (McFarlane, Glover)"),
-    ("rbf-adaptive", "laws.learning", "neural adaptive control with radial basis functions (Lewis)"),
+    ("h-infinity", "laws.h_infinity", "H-infinity loop shaping, position alone (McFarlane, Glover)"),
+    ("rbf-adaptive", "laws.rbf_adaptive", "neural adaptive control with radial basis functions (Lewis)"),
     ("pid-gravity", "laws.simple", "PID with the nominal gravity torque"),
     ("computed-torque", "laws.computed_torque", "plain computed torque, critically damped"),
     ("computed-torque-dob", "laws.computed_torque", "computed torque with a momentum observer"),
     ("computed-torque-tde", "laws.computed_torque", "computed torque with time-delay estimation"),
-    ("l1-adaptive", "laws.computed_torque", "L1 adaptive control on the nominal linearisation (Hovakimyan, Cao)"),
-    ("computed-torque-gp", "laws.learning", "computed torque and an online Gaussian process"),
-    ("computed-torque-ilc", "laws.learning", "computed torque that learns over repeated trials"),
-    ("computed-torque-adaptive", "laws.passivity", "adaptive computed torque (Craig)"),
+    ("l1-adaptive", "laws.l1_adaptive", "L1 adaptive control on the nominal linearisation (Hovakimyan, Cao)"),
+    ("computed-torque-gp", "laws.gaussian_process", "computed torque and an online Gaussian process"),
+    ("computed-torque-ilc", "laws.iterative_learning", "computed torque that learns over repeated trials"),
+    ("computed-torque-adaptive", "laws.adaptive_computed_torque", "adaptive computed torque (Craig)"),
     ("slotine-li", "laws.passivity", "adaptive passivity-based control of the lumped parameters"),
     ("slotine-li-composite", "laws.passivity", "slotine-li, driven by the prediction error too"),
     ("sliding-mode", "laws.sliding_mode", "super-twisting on the nominal linearisation (Levant)"),
@@ -37,5 +37,5 @@ LAWS = (
     ("oracle-planned", "oracles.planned", "oracle-elastic along the feasible motion closest to the reference"),
 )
 
-#: What a law may know; all others know the nominal model.
 ACCESS = {"zero": "none", **{name: "oracle" for name, _, _ in LAWS if name.startswith("oracle")}}
+"""What a law may know; all others know the nominal model."""

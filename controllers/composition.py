@@ -16,7 +16,11 @@ import numpy as np
 
 from controllers.base import Policy, State, TorqueLaw
 from controllers.numerics.dynamics import forward_dynamics
-from controllers.parts import OBSERVERS, Acting, Barrier, Eso, Kalman, Predictor, Springs
+from controllers.parts.barrier import Barrier
+from controllers.parts.drive import Acting
+from controllers.parts.observers import OBSERVERS, Eso, Kalman
+from controllers.parts.predictor import Predictor
+from controllers.parts.springs import Springs
 from controllers.preview import known_reference
 from fbl_gym.interface import Interface, clip, make_layout
 from fbl_gym.model.arm import Array
@@ -24,14 +28,14 @@ from fbl_gym.options import SENSORS, Limits
 from fbl_gym.records.checks import check_choices
 from fbl_gym.records.record import declarations, declared, set_fields
 
-#: The parts, by name.
 PARTS: Mapping[str, type] = {**OBSERVERS, "predictor": Predictor, "springs": Springs, "barrier": Barrier}
+"""The parts, by name."""
 
-#: The observer, with its default gains, for a sensor that is missing where no observer is named.
 DEFAULT = "eso"
+"""The observer, with its default gains, for a sensor that is missing where no observer is named."""
 
-#: What a law declares of itself that a composed law declares too.
 KEPT = ("access", "preview", "uses", "packages", "data_files")
+"""What a law declares of itself that a composed law declares too."""
 
 
 class ComposedState(NamedTuple):

@@ -28,8 +28,8 @@ from fbl_gym.records.checks import check_choice, unknown
 
 KINDS = ("classical", "learned")
 
-#: Attributes by which the factory of a policy declares something; no gain has such a name.
 DECLARED = ("access", "data_files", "kind", "missing", "needs", "packages", "preview", "uses")
+"""Attributes by which the factory of a policy declares something; no gain has such a name."""
 
 ENTRY_POINTS = "fbl_gym.policies"
 

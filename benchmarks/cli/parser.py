@@ -57,7 +57,7 @@ COMMANDS = {
 
 
 EXTRAS: dict[str, tuple[str, ...]] = {
-    "bench": ("matplotlib", "pandas", "rich", "threadpoolctl"), "analysis": ("jinja2", "optuna", "plotly"),
+    "bench": ("filterpy", "matplotlib", "pandas", "rich", "threadpoolctl"), "analysis": ("jinja2", "optuna", "plotly"),
     "rl": ("sb3_contrib", "stable_baselines3", "torch"), "render": ("imageio_ffmpeg", "pygame"),
     "mpc": ("casadi",), "mujoco": ("mujoco",), "cuda": ("numba_cuda",),
 }  # fmt: skip

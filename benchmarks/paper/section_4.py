@@ -9,7 +9,7 @@ from benchmarks.paper.measuring import ARMS, HANGING, SEEDS, at_rate, metrics, n
 from benchmarks.paper.outcome import Outcome, Rows, Values, diverged, number, percents
 from benchmarks.report.plot import COLORS, DASHES, Line, Panel
 from benchmarks.run.rollout import Trace
-from controllers.paper.adaptive import FORMS, schedule
+from controllers.paper.gain_scheduling import FORMS, schedule
 from fbl_gym import Friction, TwoLinkArmVectorEnv, scenarios
 from fbl_gym.model.arm import STANDARD_GRAVITY, Array, forward_dynamics, regressor
 

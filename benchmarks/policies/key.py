@@ -30,7 +30,7 @@ PACKAGES = ("benchmarks", "controllers", "fbl_gym")
 SHARED = (
     "fbl_gym/*.py", "fbl_gym/engines/*.py", "fbl_gym/envs/*.py", "fbl_gym/kernel/**/*.py", "fbl_gym/model/*.py",
     "fbl_gym/options/*.py", "fbl_gym/records/*.py", "fbl_gym/scenarios/scenario.py", "controllers/base.py",
-    "controllers/composition.py", "controllers/parts.py", "controllers/preview.py", "controllers/numerics/*.py",
+    "controllers/composition.py", "controllers/parts/*.py", "controllers/preview.py", "controllers/numerics/*.py",
     "benchmarks/run/metrics.py", "benchmarks/run/rollout.py", "benchmarks/run/linearize.py", "benchmarks/run/loop.py",
     "controllers/oracles/true_arm.py",
 )  # fmt: skip

@@ -8,7 +8,8 @@ import numpy as np
 
 from controllers.base import Gain, State, TorqueLaw
 from controllers.numerics.dynamics import forward_dynamics, inverse_dynamics
-from controllers.parts import Acting, Eso
+from controllers.parts.drive import Acting
+from controllers.parts.observers import Eso
 from fbl_gym.model.arm import Array, inertia_matrix
 from fbl_gym.records.record import pair
 

@@ -11,17 +11,17 @@ from scipy.linalg import expm
 from controllers.base import State, TorqueLaw
 from controllers.numerics.elastic import brake, follow, move
 from controllers.numerics.regulator import ANGLES, COSINES, at_angle, design, regulator
-from controllers.parts import Acting
+from controllers.parts.drive import Acting
 from controllers.preview import Places, between, known_reference, past_reference, places
 from fbl_gym.interface import clip
 from fbl_gym.model.arm import ArmParameters, Array, inertia_matrix
 from fbl_gym.records.record import number
 
-#: Largest bandwidth of the filter, times a sample's length: a faster one rings.
 FASTEST = 0.8
+"""Largest bandwidth of the filter, times a sample's length: a faster one rings."""
 
-#: Speed of the reference at which dry friction has 0.76 of its size [rad/s].
 REVERSAL = 0.03
+"""Speed of the reference at which dry friction has 0.76 of its size [rad/s]."""
 
 
 class LqgState(NamedTuple):

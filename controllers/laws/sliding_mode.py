@@ -6,7 +6,8 @@ import numpy as np
 
 from controllers.base import Gain, IntegralLaw, IntegralState, State
 from controllers.laws.computed_torque import ComputedTorqueDob
-from controllers.numerics.dynamics import inverse_dynamics, winds_up
+from controllers.numerics.dynamics import inverse_dynamics
+from controllers.numerics.windup import winds_up
 from fbl_gym.model.arm import Array
 from fbl_gym.records.record import number, pair
 

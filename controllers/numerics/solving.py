@@ -1,6 +1,7 @@
 """Compiled least squares of a few unknowns, one system for each lane.
 
-LAPACK differs in the last bits between machines. Here a lane has the same bits on each of them,
+`numpy.linalg` passes the lanes to LAPACK one by one, which is slow and differs in the last bits
+between machines. Here the inner loops run over lanes and vectorise, and a lane has the same bits
 alone and in a batch. The file calls nothing that is compiled elsewhere, because Numba's cache
 notices a change in this file only.
 """
@@ -11,14 +12,53 @@ from numpy.typing import NDArray
 from fbl_gym.kernel.maths.fastmath import cached_njit
 from fbl_gym.model.arm import Array
 
+TOGETHER = 32
+"""Lanes that are solved together: few enough for their data to stay in the first cache."""
+
+# Division follows NumPy's rule: x / 0 is infinite or nan, and no comparison below accepts those.
+# Vectors [m x lanes] and matrices [k x k x lanes] of a block of lanes.
+
 
 @cached_njit
-def _dot(x: Array, y: Array) -> float:
-    """Return x'y."""
-    total = x[0] * y[0]
+def _dot(x: Array, y: Array, product: Array) -> None:
+    """Set product = x'y."""
+    for lane in range(len(product)):
+        product[lane] = x[0, lane] * y[0, lane]
     for i in range(1, len(x)):
-        total += x[i] * y[i]
-    return total
+        for lane in range(len(product)):
+            product[lane] += x[i, lane] * y[i, lane]
+
+
+@cached_njit
+def _normalize(x: Array, length: Array) -> None:
+    """Set length = |x| and x = x / |x|."""
+    _dot(x, x, length)
+    for lane in range(len(length)):
+        length[lane] = np.sqrt(length[lane])
+    for i in range(len(x)):
+        for lane in range(len(length)):
+            x[i, lane] /= length[lane]
+
+
+@cached_njit
+def _factor(a: Array, good: NDArray[np.bool_]) -> None:
+    """Set a = L U in place, without L's ones, and good to False where a is not positive definite.
+
+    Gaussian elimination (Golub and Van Loan, "Matrix Computations", 2013, §3.2 and 4.1) of a
+    symmetric a. Only the lower triangle of a is read. a is positive definite where U's diagonal is
+    positive.
+    """
+    k, lanes = len(a), len(good)
+    for j in range(k):
+        for lane in range(lanes):
+            good[lane] &= a[j, j, lane] > 0.0
+        for i in range(j + 1, k):
+            for lane in range(lanes):
+                a[j, i, lane] = a[i, j, lane]
+                a[i, j, lane] /= a[j, j, lane]
+            for c in range(j + 1, i + 1):
+                for lane in range(lanes):
+                    a[i, c, lane] -= a[i, j, lane] * a[j, c, lane]
 
 
 @cached_njit
@@ -33,40 +73,48 @@ def least_squares(rows: Array, target: Array, weakest: float) -> tuple[Array, ND
     """
     n, m, k = rows.shape
     solution, rich = np.empty((n, k)), np.ones(n, dtype=np.bool_)
-    a, size, r, t, s = np.empty((k + 1, m)), np.empty(k), np.empty((k, k + 1)), np.empty((k, k)), np.empty((k, k))
-    # Division follows NumPy's rule: x / 0 is infinite or nan, which no comparison below accepts.
-    for lane in range(n):
-        a[:k], a[k] = rows[lane].T, target[lane]
+    for first in range(0, n, TOGETHER):
+        lanes = min(TOGETHER, n - first)
+        a, size, x = np.empty((k + 1, m, lanes)), np.empty((k, lanes)), np.empty((k, lanes))
+        r, t, s = np.empty((k, k + 1, lanes)), np.empty((k, k, lanes)), np.empty((k, k, lanes))
+        for lane in range(lanes):
+            for i in range(m):
+                for j in range(k):
+                    a[j, i, lane] = rows[first + lane, i, j]
+                a[k, i, lane] = target[first + lane, i]
+
         # a = Q R: scale each column to length one and remove its direction from the later ones.
         for j in range(k):
-            size[j] = np.sqrt(_dot(a[j], a[j]))
-            a[j] /= size[j]
+            _normalize(a[j], size[j])
         for j in range(k):
-            r[j, j] = np.sqrt(_dot(a[j], a[j]))
-            a[j] /= r[j, j]
+            _normalize(a[j], r[j, j])
             for c in range(j + 1, k + 1):
-                r[j, c] = _dot(a[j], a[c])
+                _dot(a[j], a[c], r[j, c])
                 for i in range(m):
-                    a[c, i] -= a[j, i] * r[j, c]
-        # T R = I, x = T Q'target
+                    for lane in range(lanes):
+                        a[c, i, lane] -= a[j, i, lane] * r[j, c, lane]
+        # T R = I
         for i in range(k):
-            t[i, i] = 1.0 / r[i, i]
+            for lane in range(lanes):
+                t[i, i, lane] = 1.0 / r[i, i, lane]
             for j in range(i + 1, k):
-                t[i, j] = _dot(t[i, i:j], r[i:j, j]) / -r[j, j]
-            solution[lane, i] = _dot(t[i, i:], r[i:, k]) / size[i]
+                _dot(t[i, i:j], r[i:j, j], t[i, j])
+                for lane in range(lanes):
+                    t[i, j, lane] /= -r[j, j, lane]
+        # x = T Q'target
+        for i in range(k):
+            _dot(t[i, i:], r[i:, k], x[i])
+            for lane in range(lanes):
+                solution[first + lane, i] = x[i, lane] / size[i, lane]
         # The smallest singular value 1 / |T| exceeds `weakest` where I - weakest^2 T T' > 0.
         for i in range(k):
             for j in range(i + 1):
-                s[i, j] = (1.0 if i == j else 0.0) - weakest * weakest * _dot(t[i, i:], t[j, i:])
-        # It is positive definite where U of s = L U has a positive diagonal (Golub and Van Loan,
-        # "Matrix Computations", 2013, §3.2 and 4.1). Only the lower triangle of s is read.
-        for j in range(k):
-            rich[lane] &= s[j, j] > 0.0
-            for i in range(j + 1, k):
-                s[j, i] = s[i, j]
-                s[i, j] /= s[j, j]
-                for c in range(j + 1, i + 1):
-                    s[i, c] -= s[i, j] * s[j, c]
+                _dot(t[i, i:], t[j, i:], s[i, j])
+                for lane in range(lanes):
+                    s[i, j, lane] = (1.0 if i == j else 0.0) - weakest * weakest * s[i, j, lane]
+        _factor(s, rich[first : first + lanes])
+
+    for lane in range(n):
         if not rich[lane]:
             solution[lane] = np.nan
     return solution, rich

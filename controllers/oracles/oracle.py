@@ -14,8 +14,8 @@ from fbl_gym.interface import Interface
 from fbl_gym.model.arm import Array, inertia_matrix, inverse_dynamics, with_rotors
 from fbl_gym.records.record import number, pair
 
-#: How far ahead the oracles that predict use the reference [s].
 PREVIEW = 0.15
+"""How far ahead the oracles that predict use the reference [s]."""
 
 
 @dataclass(frozen=True)

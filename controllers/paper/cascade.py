@@ -1,47 +1,15 @@
-"""The paper's PID (§2.2) and its cascade of an inner velocity and an outer position loop (§3.1)."""
+"""The paper's cascade: an inner velocity loop and an outer position loop (§3.1)."""
 
 from dataclasses import dataclass
 
 import numpy as np
 
 from controllers.base import Gain, IntegralLaw, IntegralState, State
-from controllers.numerics.dynamics import inverse_dynamics, winds_up
+from controllers.numerics.dynamics import inverse_dynamics
+from controllers.numerics.windup import winds_up
 from fbl_gym.model.arm import ArmParameters, Array
 from fbl_gym.options import Friction
 from fbl_gym.records.record import Distribution, number, pair, record
-
-
-@dataclass(frozen=True)
-class PidFlm(IntegralLaw):
-    """The paper's PID for each joint, through nominal feedback linearisation (§2.2).
-
-        a = r'' + kp e + kd e' + ki int(e) dt,    e = r - q,    torque = M a + C v + G
-
-    With an exact model the error obeys e''' + kd e'' + kp e' + ki e = 0. The paper prints "P, I, D
-    = 10, 3, 0", which is unstable; the defaults read it as P = 10, D = 3, I = 0. The integral
-    pauses where the torque saturates.
-
-    Sensors: position and velocity.
-
-    Args:
-        kp: proportional gain [1/s^2], per joint.
-        ki: integral gain [1/s^3], per joint.
-        kd: derivative gain [1/s], per joint.
-    """
-
-    kp: Gain = pair(10.0, unit="1/s^2", tune=(1.0, 1e4))
-    ki: Gain = pair(0.0, unit="1/s^3", tune=(1e-2, 1e4))
-    kd: Gain = pair(3.0, unit="1/s", tune=(1.0, 200.0))
-
-    def torque(self, observation: Array, state: State) -> tuple[Array, State]:
-        """Return the torque [n x 2] N m, and the next integral."""
-        q, v = self.read(observation, "position", "velocity")
-        r, r_dot, r_ddot = self.read(observation, "reference_position", "reference_velocity", "reference_acceleration")
-        error = r - q
-        a = r_ddot + np.array(self.kp) * error + np.array(self.kd) * (r_dot - v) + np.array(self.ki) * state.integral
-        torque = inverse_dynamics(self.interface.nominal, q, v, a)
-        pause = winds_up(self.interface, self.interface.nominal, q, v, a, torque, error)
-        return torque, IntegralState(state.integral + np.where(pause, 0.0, error * self.interface.control_dt))
 
 
 def friction_torque(friction: Friction, velocity: Array) -> Array:
@@ -101,7 +69,7 @@ class CascadeFlm(IntegralLaw):
 
         q [rad] and v [rad/s] are measured or estimated. The model is an arm, or estimated lumped
         parameters [n x 5], with rotors [n x 7]. The schedule multiplies the inner loops' error, in
-        P and in the integral; see `adaptive.schedule`.
+        P and in the integral; see `gain_scheduling.py`.
         """
         r, r_dot = self.read(observation, "reference_position", "reference_velocity")
         error = schedule * (r_dot + np.array(self.kp) * (r - q) - v)

@@ -12,47 +12,67 @@ from fbl_gym.interface import clip
 from fbl_gym.model.arm import Array
 from fbl_gym.records.record import choice, number
 
-#: Root of the paper's 0.1: the noise variance of (17) and (18), taken per sample.
 PAPER_SIGMA = float(np.sqrt(0.1))
+"""Root of the paper's 0.1: the noise variance of (17) and (18), taken per sample."""
 
-#: Forms of the filter: exact for a sampled motion, or the paper's (19)-(21) with Euler steps.
+
 FORMS = ("discrete", "continuous")
+"""Forms of the filter: exact for a sampled motion, or the paper's (19)-(21) with Euler steps."""
 
 
 @lru_cache(maxsize=64)
-def gains(dt: float, acceleration_sigma: float, position_sigma: float, form: str = "discrete") -> Array:
-    """Return the Kalman gain K of each sample until it has converged, [k x 2], in one of `FORMS`.
+def continuous_gains(dt: float, acceleration_sigma: float, position_sigma: float) -> Array:
+    """Return K dt of (20) and (21) at each sample until it has converged, [k x 2].
 
-    The gain does not depend on the data, so all joints and lanes share it. The first position is a
-    reading, and the first velocity is within 0.1 rad/s.
-
-    "discrete": in discrete time (15)-(18) are x = (position, velocity), F = [[1, dt], [0, 1]],
-    B = (dt^2 / 2, dt), H = (1, 0). The input is the measured acceleration, held over a sample. Its
-    noise is the process noise: Q = sigma^2 B B' (Labbe, "Kalman and Bayesian Filters in Python",
-    ch. 8). The sigmas are per sample, in rad/s^2 and rad.
-
-    "continuous": K dt of (20) and (21), with dP/dt = -P C' R^-1 C P + A P + P A' + Q and
-    K = P C' R^-1 in Euler steps of dt. Q and R are densities, as printed: the squares of the
-    sigmas, which are in rad/s^2/sqrt(Hz) and rad/sqrt(Hz). At steady state K is that of the
-    discrete form over dt, since only the ratio of the sigmas counts.
+    dP/dt = -P C' R^-1 C P + A P + P A' + Q and K = P C' R^-1, in Euler steps of dt. Q and R are
+    densities, as printed: the squares of the sigmas. At steady state K is that of `gains` over dt,
+    since only the ratio of the sigmas counts. These are the roots of the densities of acceleration
+    [rad/s^2/sqrt(Hz)] and position [rad/sqrt(Hz)].
     """
-    a, f, h = np.array([[0.0, 1.0], [0.0, 0.0]]), np.array([[1.0, dt], [0.0, 1.0]]), np.array([[1.0, 0.0]])
-    q = np.array([[0.25 * dt**4, 0.5 * dt**3], [0.5 * dt**3, dt**2]]) * acceleration_sigma**2
-    density, r = np.diag([0.0, acceleration_sigma**2]), position_sigma**2
-    p, rows = np.diag([r, 0.01]), list[Array]()
-    for _ in range(200_000):
-        if form == "continuous":
-            k = p @ h.T / r
-            p = p + dt * (-k @ h @ p + a @ p + p @ a.T + density)
-            rows.append(dt * k[:, 0])
-        else:
-            p = f @ p @ f.T + q
-            k = p @ h.T @ np.linalg.inv(h @ p @ h.T + r)
-            keep = np.eye(2) - k @ h
-            p = keep @ p @ keep.T + k * r @ k.T
-            rows.append(k[:, 0])
-        if len(rows) > 100 and np.allclose(rows[-1], rows[-100], rtol=1e-9, atol=0.0):
-            break
+    A, C = np.array([[0.0, 1.0], [0.0, 0.0]]), np.array([[1.0, 0.0]])
+    Q, R = np.diag([0.0, acceleration_sigma**2]), position_sigma**2
+    P = np.diag([R, 0.01])
+    rows: list[Array] = []
+    while not _converged(rows):
+        K = P @ C.T / R
+        rows.append(dt * K[:, 0])
+        P = P + dt * (-K @ C @ P + A @ P + P @ A.T + Q)
+    return np.array(rows)
+
+
+def _converged(rows: list[Array]) -> bool:
+    """Return True if the last gain is that of 99 samples ago."""
+    return len(rows) > 100 and (np.allclose(rows[-1], rows[-100], rtol=1e-9, atol=0.0) or len(rows) >= 200_000)
+
+
+@lru_cache(maxsize=64)
+def gains(dt: float, acceleration_sigma: float, position_sigma: float) -> Array:
+    """Return the Kalman gain K of each sample until it has converged, [k x 2], from filterpy.
+
+    In discrete time (15)-(18) are x = (position, velocity), F = [[1, dt], [0, 1]], B = (dt^2 / 2,
+    dt), H = (1, 0). The input is the measured acceleration, held over a sample. Its noise is the
+    process noise: Q = sigma^2 B B' (`Q_discrete_white_noise`; Labbe, "Kalman and Bayesian Filters
+    in Python", ch. 8). The gain does not depend on the data, so all joints and lanes share it. The
+    sigmas are per sample, in rad/s^2 and rad.
+    """
+    try:  # filterpy brings matplotlib, and few programs filter
+        from filterpy.common import Q_discrete_white_noise
+        from filterpy.kalman import KalmanFilter
+    except ModuleNotFoundError as problem:
+        text = "the Kalman filter needs filterpy, which is not installed: pip install 'fbl-gym[bench]'"
+        raise ModuleNotFoundError(text, name=problem.name) from None
+    kalman = KalmanFilter(dim_x=2, dim_z=1)
+    kalman.F = np.array([[1.0, dt], [0.0, 1.0]])
+    kalman.H = np.array([[1.0, 0.0]])
+    kalman.Q = Q_discrete_white_noise(2, dt, acceleration_sigma**2)
+    kalman.R = np.array([[position_sigma**2]])
+    # The first position is a reading, the first velocity within 0.1 rad/s.
+    kalman.P = np.diag([position_sigma**2, 0.01])
+    rows: list[Array] = []
+    while not _converged(rows):
+        kalman.predict()
+        kalman.update(np.zeros((1, 1)))
+        rows.append(kalman.K[:, 0].copy())
     table = np.array(rows)
     table.setflags(write=False)
     return table
@@ -100,7 +120,9 @@ class JointKalman:
 
         The position [n x 2] rad is measured there, the acceleration [n x 2] rad/s^2 in the sample.
         """
-        table = gains(self.dt, self.acceleration_sigma, self.position_sigma, self.form)
+        table = (continuous_gains if self.form == "continuous" else gains)(
+            self.dt, self.acceleration_sigma, self.position_sigma
+        )
         gain, before = table[clip(state.samples, 0, len(table) - 1)], state.samples[:, None] < 0
         # x = F x + B u
         q = state.position + self.dt * state.velocity + 0.5 * self.dt**2 * acceleration

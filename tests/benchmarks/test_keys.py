@@ -152,7 +152,7 @@ def edit(monkeypatch, module):
 @pytest.mark.parametrize(
     ("policy", "module", "stale"),
     [
-        ("pid-flm", "controllers.paper.cascade", True), ("pid-flm", "fbl_gym.kernel.arm.physics", True),
+        ("pid-flm", "controllers.paper.pid", True), ("pid-flm", "fbl_gym.kernel.arm.physics", True),
         ("pid-flm", "benchmarks.run.metrics", True), ("pid-flm", "benchmarks.run.loop", True),
         ("ppo-blend@1", "controllers.laws.lqg_elastic", True),
         ("pid-flm", "controllers.laws.adrc", False), ("pid-flm", "fbl_gym.view.render", False),

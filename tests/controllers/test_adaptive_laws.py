@@ -3,8 +3,8 @@
 import numpy as np
 
 import controllers
-from controllers.laws.learning import FEATURES, NODES, RbfState, bumps, features
 from controllers.laws.passivity import slotine_li_regressor
+from controllers.laws.rbf_adaptive import FEATURES, NODES, RbfState, bumps, features
 from fbl_gym import TABLE_1, TwoLinkArmEnv, TwoLinkArmVectorEnv
 from fbl_gym.model.arm import coriolis_matrix, gravity_torque, inertia_matrix, regressor
 from tests.controllers.closed_loop import EXACT, EXCITING, error_of, loop, nominal

@@ -8,7 +8,10 @@ from benchmarks.policies.spec import resolve
 from controllers import catalogue
 from controllers.base import leaves
 from controllers.composition import Composed, Filtered
-from controllers.parts import OBSERVERS, Barrier, Drive, Springs
+from controllers.parts.barrier import Barrier
+from controllers.parts.drive import Drive
+from controllers.parts.observers import OBSERVERS
+from controllers.parts.springs import Springs
 from fbl_gym import TABLE_1, TwoLinkArmEnv, TwoLinkArmVectorEnv, scenarios
 from fbl_gym.model.arm import forward_dynamics, inverse_dynamics
 from fbl_gym.records.record import tuning_ranges

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 import controllers
-from controllers.laws.learning import SIGNAL
-from controllers.parts import Eso
+from controllers.laws.gaussian_process import SIGNAL
+from controllers.parts.observers import Eso
 from fbl_gym import TwoLinkArmEnv
 from fbl_gym.model.arm import inertia_matrix, inverse_dynamics
 from tests.controllers.closed_loop import EXCITING, HANGING, STILL, loaded, loop, mean_error, tracking

@@ -5,7 +5,7 @@ import pytest
 
 import controllers
 from benchmarks.run.rollout import rollout, rollout_trials
-from controllers.laws.learning import CAPACITY
+from controllers.laws.iterative_learning import CAPACITY
 from fbl_gym import TwoLinkArmEnv, TwoLinkArmVectorEnv, scenarios
 from fbl_gym.scenarios.classes import CLASSES
 from fbl_gym.scenarios.tiers import tier_scenario

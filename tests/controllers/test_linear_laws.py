@@ -6,7 +6,8 @@ from scipy.linalg import expm, logm
 
 import controllers
 from benchmarks.run.rollout import rollout
-from controllers.laws.optimal import INTEGRAL, SLACK, plant, regulator, robust_controller
+from controllers.laws.h_infinity import INTEGRAL, SLACK, robust_controller
+from controllers.laws.lqg import plant, regulator
 from fbl_gym import SECTION_2_2, TABLE_1, TwoLinkArmEnv
 from fbl_gym.model.arm import inertia_matrix
 from tests.controllers.closed_loop import EXACT, FAST, HANGING, REST, loaded, nominal, tracking

@@ -10,9 +10,10 @@ import controllers
 from benchmarks.run.metrics import measure
 from benchmarks.run.rollout import rollout
 from controllers.numerics import dynamics
-from controllers.numerics.solving import least_squares
-from controllers.paper.adaptive import FORMS, estimate, lumped_of, plausible, point_masses, schedule
-from controllers.paper.kalman import PAPER_SIGMA, JointKalman, gains
+from controllers.numerics.solving import TOGETHER, least_squares
+from controllers.paper.estimator import estimate, lumped_of, plausible, point_masses
+from controllers.paper.gain_scheduling import FORMS, schedule
+from controllers.paper.kalman import PAPER_SIGMA, JointKalman, continuous_gains, gains
 from fbl_gym import TABLE_1, ArmParameters, TwoLinkArmEnv, scenarios
 from fbl_gym.model import arm
 from fbl_gym.model.arm import forward_dynamics, inertia_matrix, inverse_dynamics, regressor
@@ -94,11 +95,12 @@ def deficient(n, weak, seed=0):
     return (u * s[:, None]) @ v, rng.normal(size=(n, 6))
 
 
-def test_least_squares_agree_with_lapack_and_a_lane_alone_has_the_bits_it_has_in_a_batch():
-    rows, target = deficient(101, np.full(101, 0.1))
+@pytest.mark.parametrize("n", [1, TOGETHER - 1, TOGETHER, 3 * TOGETHER + 5])
+def test_least_squares_agree_with_lapack_and_a_lane_alone_has_the_bits_it_has_in_a_batch(n):
+    rows, target = deficient(n, np.full(n, 0.1))
     solution, rich = least_squares(rows, target, 1e-7)
     assert rich.all()
-    for i in range(101):
+    for i in range(n):
         expected = np.linalg.lstsq(rows[i], target[i], rcond=None)[0]
         np.testing.assert_allclose(solution[i], expected, rtol=1e-10, atol=1e-12)
         np.testing.assert_array_equal(least_squares(rows[i : i + 1], target[i : i + 1], 1e-7)[0][0], solution[i])
@@ -241,7 +243,7 @@ def test_the_gain_at_a_fast_rate_is_the_papers_continuous_gain():
     k = (p @ c.T / 0.1).ravel()
     np.testing.assert_allclose(k, [1.41421, 1.0], atol=1e-5)
     # Ours, per sample, is that times dt, with an error that shrinks with dt; the continuous form has it at any dt.
-    np.testing.assert_allclose(gains(1e-3, PAPER_SIGMA, PAPER_SIGMA, "continuous")[-1] / 1e-3, k, rtol=1e-3)
+    np.testing.assert_allclose(continuous_gains(1e-3, PAPER_SIGMA, PAPER_SIGMA)[-1] / 1e-3, k, rtol=1e-3)
     assert np.abs(gains(1e-2, PAPER_SIGMA, PAPER_SIGMA)[-1] / 1e-2 - k).max() < 1.1e-2
     assert np.abs(gains(1e-3, PAPER_SIGMA, PAPER_SIGMA)[-1] / 1e-3 - k).max() < 1.1e-3
 

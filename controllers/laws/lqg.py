@@ -1,0 +1,98 @@
+"""LQG with integral action, on the nominally linearised arm."""
+
+from dataclasses import dataclass
+from functools import cached_property, lru_cache
+from typing import ClassVar
+
+import numpy as np
+from scipy.linalg import solve_discrete_are
+
+from controllers.base import Gain, State, TorqueLaw
+from controllers.numerics.dynamics import inverse_dynamics
+from controllers.numerics.windup import winds_up
+from controllers.paper.kalman import JointKalman, RobustState
+from fbl_gym.model.arm import Array
+from fbl_gym.records.record import number, pair
+
+
+def plant(dt: float) -> tuple[Array, Array]:
+    """Return F [3 x 3] and G [3 x 1] of x = (z, e, e'), z the sum of e dt, and e'' = u held."""
+    return np.array([[1.0, dt, 0.0], [0.0, 1.0, dt], [0.0, 0.0, 1.0]]), np.array([[0.0], [0.5 * dt**2], [dt]])
+
+
+@lru_cache(maxsize=64)
+def regulator(dt: float, integral: float, position: float, velocity: float) -> Array:
+    """Return the gain K [3] of the optimal regulator u = -K x.
+
+    It minimises the sum of (integral z)^2 + (position e)^2 + (velocity e')^2 + u^2:
+
+        P = Q + F' P (F - G K),    K = (1 + G' P G)^-1 G' P F
+
+    (Anderson and Moore, "Optimal Control", 1990, §2.4). The weights are in 1/s^3, 1/s^2 and 1/s.
+    """
+    f, g = plant(dt)
+    p = solve_discrete_are(f, g, np.diag([integral, position, velocity]) ** 2, np.eye(1))
+    k = np.linalg.solve(np.eye(1) + g.T @ p @ g, g.T @ p @ f)[0]
+    k.setflags(write=False)
+    return k
+
+
+@dataclass(frozen=True)
+class Lqg(TorqueLaw):
+    """LQG with integral action.
+
+        a = r'' + K (z, r - q, r' - v),    z = int(r - y) dt,    torque = M a + C v + G
+
+    K is the optimal gain (`regulator`). q and v come from the Kalman filter of the paper
+    (`JointKalman`). y is the measured position, so an accelerometer bias leaves no lasting error.
+    The integral pauses where the torque saturates.
+
+    Sensors: position and acceleration. Source: Anderson and Moore, "Optimal Control", 1990, §2.4.
+
+    Args:
+        integral: weight of z [1/s^3], per joint, against 1 for acceleration.
+        position: weight of the position error [1/s^2], per joint.
+        velocity: weight of the velocity error [1/s], per joint.
+        acceleration_sigma: noise of the accelerometer per sample [rad/s^2].
+        position_sigma: noise of the encoder per sample [rad]. Once the filter has converged, only
+            the ratio of both sigmas matters.
+    """
+
+    integral: Gain = pair(1000.0, unit="1/s^3", above=0, tune=(10.0, 1e4))
+    position: Gain = pair(100.0, unit="1/s^2", above=0, tune=(10.0, 1000.0))
+    velocity: Gain = pair(20.0, unit="1/s", above=0, tune=(1.0, 100.0))
+    acceleration_sigma: float = number(0.5, unit="rad/s^2", above=0)
+    position_sigma: float = number(5e-3, unit="rad", above=0, tune=(1e-4, 0.1))
+
+    needs: ClassVar[tuple[str, ...]] = ("position", "acceleration")
+
+    @cached_property
+    def gain(self) -> Array:
+        """K [2 x 3], per joint."""
+        weights = zip(self.integral, self.position, self.velocity, strict=True)  # type: ignore[arg-type]
+        return np.array([regulator(self.interface.control_dt, *joint) for joint in weights])
+
+    @cached_property
+    def filter(self) -> JointKalman:
+        """The Kalman filter of both joints."""
+        return JointKalman(self.interface.control_dt, self.acceleration_sigma, self.position_sigma)
+
+    def initial(self, observation: Array) -> State:
+        """Return the state before the first observation."""
+        position, velocity = self.read(observation, "position", "reference_velocity")
+        return RobustState(np.zeros_like(position), self.filter.initial(position, velocity))
+
+    def torque(self, observation: Array, state: State) -> tuple[Array, State]:
+        """Return the torque [n x 2] N m and the next state."""
+        y, y_ddot = self.read(observation, "position", "acceleration")
+        r, r_dot, r_ddot = self.read(observation, "reference_position", "reference_velocity", "reference_acceleration")
+        kalman = self.filter.update(state.kalman, y, y_ddot)
+        q, v = kalman.position, kalman.velocity
+        nominal, error = self.interface.nominal, r - y
+        # e'' = r'' - a = u = -K x
+        x = np.stack([state.integral, r - q, r_dot - v], axis=-1)
+        a = r_ddot + (self.gain * x).sum(axis=-1)
+        torque = inverse_dynamics(nominal, q, v, a)
+        pause = winds_up(self.interface, nominal, q, v, a, torque, error)
+        integral = state.integral + np.where(pause, 0.0, error * self.interface.control_dt)
+        return torque, RobustState(integral, kalman)

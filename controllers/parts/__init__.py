@@ -1,0 +1,1 @@
+"""The parts of composed laws, which `composition.compose` puts around a law."""

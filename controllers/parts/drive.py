@@ -1,0 +1,107 @@
+"""The drive as its datasheet states it, by which a law pairs a motion with its torque."""
+
+import math
+from dataclasses import dataclass
+from functools import cached_property
+from typing import NamedTuple, Self
+
+import numpy as np
+
+from fbl_gym.interface import Interface
+from fbl_gym.kernel.arm import prediction
+from fbl_gym.model.arm import ArmParameters, Array
+
+FASTEST = 200.0
+"""Largest velocity of a prediction [rad/s], which keeps the numbers of a diverging arm finite."""
+
+
+class Acting(NamedTuple):
+    """The torques of a drive at a sample, as its datasheet has them."""
+
+    queue: Array  # commands under way, the newest first [n x depth x 2] N m
+    torque: Array  # on the joints [n x 2] N m
+    mean: Array  # of it over the interval before [n x 2] N m
+
+
+@dataclass(frozen=True)
+class Drive:
+    """The drive as its datasheet states it: a command acts after a delay, through a lag.
+
+    Delay and lag are the middle of their ranges. The age of the readings is part of the delay,
+    which therefore leads from a command to its effect on the readings. Times count from the last
+    reading.
+
+    Args:
+        dt: control interval [s].
+        delay: [s].
+        lag: time constant [s].
+        sent: the command at this sample [n x 2] N m, where it is another than that of the law.
+    """
+
+    dt: float
+    delay: float
+    lag: float
+    sent: Array | None = None
+
+    @classmethod
+    def of(cls, interface: Interface) -> Self:
+        """Return the drive of an interface."""
+        return cls(interface.control_dt, sum(interface.delay) / 2 + interface.latency, sum(interface.lag) / 2)
+
+    @property
+    def whole(self) -> int:
+        """Number of whole control intervals in the delay."""
+        return int(self.delay / self.dt + 1e-9)
+
+    @property
+    def rest(self) -> float:
+        """The delay less its whole control intervals [s]."""
+        return max(self.delay - self.whole * self.dt, 0.0)
+
+    def hold(self, torque: Array) -> Acting:
+        """Return the torques after a long time at one [n x 2] N m."""
+        return Acting(np.repeat(torque[:, None], self.whole + 1, axis=1), torque, torque)
+
+    def coming(self, queue: Array) -> list[tuple[float, Array]]:
+        """Return the torques until the next command acts, each a duration and a command [n x 2]."""
+        return [(self.rest, queue[:, -1]), *((self.dt, queue[:, k]) for k in range(self.whole - 1, -1, -1))]
+
+    def act(self, acting: Acting, command: Array) -> Acting:
+        """Return the torques after the interval that begins with a new command [n x 2] N m."""
+        command = command if self.sent is None else self.sent
+        commands = np.concatenate([command[:, None], acting.queue], axis=1)
+        now = np.empty((2, *command.shape))
+        prediction.follow(commands, np.ascontiguousarray(acting.torque), self._spans, self.dt, now)
+        return Acting(commands[:, : self.whole + 1], now[0], now[1])
+
+    def predict(
+        self, arm: ArmParameters, q: Array, v: Array, f: Array, torque: Array, commands: list[tuple[float, Array]]
+    ) -> tuple[Array, Array, Array]:
+        """Integrate a model under some commands, in steps of at most a control interval.
+
+        Args:
+            arm: the model.
+            q: position at the start [n x 2] rad.
+            v: velocity at the start [n x 2] rad/s.
+            f: acceleration that is added to that of the model [n x 2] rad/s^2.
+            torque: on the joints at the start [n x 2] N m.
+            commands: each a duration [s] and a command [n x 2] N m.
+
+        Returns:
+            Position, velocity and torque at the end, [n x 2] each.
+        """
+        steps = [(h / n, x) for h, x in commands for n in [math.ceil(h / self.dt - 1e-9)] for _ in range(n)]
+        motion = np.array([q, v, torque], dtype=float)
+        if steps:
+            durations, torques = np.array([h for h, _ in steps]), np.array([x for _, x in steps], dtype=float)
+            prediction.predict(
+                arm.base, np.ascontiguousarray(f, dtype=float), durations, torques, self.lag, FASTEST, motion
+            )
+        return motion[0], motion[1], motion[2]
+
+    @cached_property
+    def _spans(self) -> Array:
+        """Duration t of older and newer command, exp(-t / lag), and its integral [2 x 3]."""
+        times = (self.rest, self.dt - self.rest)
+        keeps = [math.exp(-t / self.lag) if self.lag > 0.0 else 0.0 for t in times]
+        return np.array([(t, keep, self.lag * (1.0 - keep)) for t, keep in zip(times, keeps, strict=True)])
