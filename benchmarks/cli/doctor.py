@@ -16,10 +16,6 @@ from fbl_gym.kernel.step import api
 from fbl_gym.neighbours import ROOT
 
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("--compile", action="store_true", help="compile everything now, so that no first step waits")
-
-
 def run(arguments: argparse.Namespace) -> int:
     about = provenance("")
     print(f"Python {about['python']} ({sys.executable}) on {about['machine']}")
