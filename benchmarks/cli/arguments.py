@@ -16,8 +16,8 @@ from benchmarks.seeds import SPLITS
 COMMANDS: dict[str, dict[str, Any]] = tomllib.loads(
     Path(__file__).with_name("commands.toml").read_text(encoding="utf-8")
 )
-SHARED = COMMANDS.pop("shared")
-"""The commands and the arguments that several of them have, as `commands.toml` explains."""
+SHARED, EXTRAS = COMMANDS.pop("shared"), COMMANDS.pop("extras")
+"""The commands, the arguments that several have, and the modules that each extra installs."""
 
 CORES = os.cpu_count() or 1
 

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks.cli.parser import EXTRAS
+from benchmarks.cli.arguments import EXTRAS
 from benchmarks.run.rollout import rollout
 from benchmarks.run.store import provenance
 from fbl_gym import TwoLinkArmVectorEnv, scenarios

@@ -12,16 +12,9 @@ import warnings
 from collections.abc import Callable, Sequence
 from typing import Any, NoReturn
 
-from benchmarks.cli.arguments import COMMANDS, add_arguments, trust
+from benchmarks.cli.arguments import COMMANDS, EXTRAS, add_arguments, trust
 from benchmarks.text import say, visible
 from fbl_gym import __version__
-
-EXTRAS: dict[str, tuple[str, ...]] = {
-    "bench": ("filterpy", "matplotlib", "pandas", "rich", "threadpoolctl"), "analysis": ("jinja2", "optuna", "plotly"),
-    "rl": ("sb3_contrib", "stable_baselines3", "torch"), "render": ("imageio_ffmpeg", "pygame"),
-    "mpc": ("casadi",), "mujoco": ("mujoco",), "cuda": ("numba_cuda",),
-}  # fmt: skip
-"""The modules that each extra installs."""
 
 
 def main(argv: Sequence[str] | None = None) -> int:
