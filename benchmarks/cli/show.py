@@ -47,11 +47,9 @@ def doubts(scenario: Scenario) -> Iterator[str]:
         if share[np.array(scenario.actuator.torque_limit) > 0].max(initial=0.0) > 100.0:
             yield f"its motion needs {_both(share, '%')} of actuator.torque_limit, which is in N m"
     if scenario.joint is not None:
-        stretched, (stiffness, _) = (
-            inertia_matrix(scenario.arm.lumped, (0.0, 0.0)),
-            scenario.joint.springs(scenario.arm, middle),
-        )
-        if (rate := _modes(stretched, stiffness)[0]) < SLOWEST:
+        stiffness, _ = scenario.joint.springs(scenario.arm, middle)
+        rate, _ = _modes(inertia_matrix(scenario.arm.lumped, (0.0, 0.0)), stiffness)
+        if rate < SLOWEST:
             yield f"its links vibrate at {rate:.3g} Hz; joint.stiffness is in N m/rad, joint.frequency in Hz"
 
 
