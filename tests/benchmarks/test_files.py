@@ -67,7 +67,6 @@ def test_files_have_no_control_characters_and_no_formulas(folder):
 
 @pytest.mark.usefixtures("folder")
 def test_a_path_of_any_depth_is_made():
-    path = Path(*["a"] * 1200, "file")
-    write_text(path, "")
+    write_text(path := Path(*["a"] * 1200, "file"), "")
     path.unlink()
     os.removedirs(path.parent)
