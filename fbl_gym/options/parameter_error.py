@@ -5,7 +5,6 @@ parameter error is a ratio real / nominal.
 """
 
 from collections.abc import Mapping
-from dataclasses import dataclass
 from typing import Any, ClassVar, Literal
 
 import numpy as np
@@ -20,7 +19,6 @@ PARAMETERS = ("m1", "m2", "L1", "L2")
 Ratios = tuple[float, float, float, float]
 
 
-@dataclass(frozen=True)
 class Payload(Option):
     """A mass at the tip that the nominal model does not include.
 
@@ -83,7 +81,6 @@ def _fraction(nominal: Any, ratio: Any, unit: Pair, end: int) -> Pair:
     return first / unit[0], second / unit[1]
 
 
-@dataclass(frozen=True)
 class ParameterError(Option):
     """Real parameters that differ from the nominal ones.
 

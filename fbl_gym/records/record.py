@@ -24,7 +24,7 @@ import math
 import re
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import MISSING, dataclass
-from typing import Any, ClassVar, TypeAlias, TypeVar
+from typing import Any, ClassVar, TypeAlias, TypeVar, dataclass_transform
 
 import numpy as np
 
@@ -102,8 +102,11 @@ class Record:
         """Refuse values that do not fit together. Called after each field has been checked."""
 
 
+@dataclass_transform(frozen_default=True)
 class Option(Record):
     """Base of the records of a task, from whose declarations the kernel's memory follows.
+
+    Its subclasses are frozen dataclasses without a decorator.
 
     The kernel gets each field that declares `kernel`, the name of its number there: from a setting,
     or, if it varies, from a row of a block, which each episode fills. `pack` writes other numbers.
@@ -115,6 +118,9 @@ class Option(Record):
 
     derived: ClassVar[Mapping[str, Any]] = {}
     drawn: ClassVar[Mapping[str, Any]] = {}
+
+    def __init_subclass__(cls) -> None:
+        dataclass(frozen=True)(cls)
 
     def check(self, scenario: Any) -> None:
         """Refuse values that do not fit the rest of a scenario."""
@@ -175,12 +181,8 @@ pair = functools.partial(number, joints=True)
 
 def whole(default: Any = MISSING, *, low: int = 0, high: float = math.inf, varies: bool = False, **options: Any) -> Any:
     """Declare a whole number within bounds; draws of a distribution are to be rounded."""
-
-    def convert(name: str, value: Any) -> Any:
-        if varies and isinstance(value, Distribution | Mapping):
-            return _check_varying(name, value, low=low, high=high)
-        return check_whole(name, value, low=low, high=high)
-
+    check = functools.partial(_check_varying, check=check_whole) if varies else check_whole
+    convert = functools.partial(check, low=low, high=high)
     form = f"a whole number{' or distribution' * varies}{bounds_text(low, high)}"
     return declared(default, convert, form, varies=varies, dtype=float if varies else int, **options)
 
@@ -314,10 +316,10 @@ def middle(value: Any) -> float:
     return math.sqrt(low * high) if logarithmic else (low + high) / 2
 
 
-def _check_varying(name: str, value: object, **bounds: Any) -> float | Distribution:
+def _check_varying(name: str, value: object, check: Any = check_number, **bounds: Any) -> float | Distribution:
     """Return a number, or a distribution whose values are all within the bounds."""
     if not isinstance(value, Distribution | Mapping):
-        return check_number(name, value, **bounds)
+        return check(name, value, **bounds)
     distribution = build(name, value, Distribution)
     for each in distribution.values:
         check_number(f"{name}, a distribution,", each, **bounds)
@@ -411,7 +413,7 @@ def naming(options: Mapping[str, Any]) -> Iterator[None]:
 
 def _paths(options: Mapping[str, Any], above: str = "") -> Iterator[str]:
     for name, value in options.items():
-        if isinstance(value, Mapping) and not set(value) <= {"uniform", "log_uniform", "choice"}:
+        if isinstance(value, Mapping) and not is_distribution(value):
             yield from _paths(value, f"{above}{name}.")
         elif name not in ("name", "description", "kind"):
             yield f"{above}{name}"
