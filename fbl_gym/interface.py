@@ -243,22 +243,16 @@ def make_layout(
             actuator are part of the state.
         preview: number of coming samples of the reference that are observed.
     """
-    slots: list[Slot] = []
-
-    def add(name: str, unit: str, bound: tuple[float, ...]) -> None:
-        start = slots[-1].start + slots[-1].size if slots else 0
-        slots.append(Slot(name, start, len(bound), unit, bound))
-
     position, velocity = (2 * limits.position,) * 2, (2 * limits.velocity,) * 2
     acceleration = (limits.acceleration,) * 2
     motion = {"position": (position, "rad"), "velocity": (velocity, "rad/s"), "acceleration": (acceleration, "rad/s^2")}
-    for sensor in sensors:
-        bound, unit = motion[sensor]
-        add(sensor, unit, bound)
-    for name, (bound, unit) in motion.items():
-        add(f"reference_{name}", unit, bound)
-    if past_actions:
-        add("previous_actions", action_unit, action_limit * past_actions)
-    if preview:
-        add("preview", "rad, rad/s, rad/s^2", (position + velocity + acceleration) * preview)
+    parts: list[tuple[str, tuple[float, ...], str]] = [(sensor, *motion[sensor]) for sensor in sensors]
+    parts += [(f"reference_{name}", *each) for name, each in motion.items()]
+    parts.append(("previous_actions", action_limit * past_actions, action_unit))
+    parts.append(("preview", (position + velocity + acceleration) * preview, "rad, rad/s, rad/s^2"))
+    slots, start = [], 0
+    for name, bound, unit in parts:
+        if bound:
+            slots.append(Slot(name, start, len(bound), unit, bound))
+        start += len(bound)
     return Layout(tuple(slots))
