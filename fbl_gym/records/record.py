@@ -404,7 +404,7 @@ def naming(options: Mapping[str, Any]) -> Iterator[None]:
 
 def _paths(options: Mapping[str, Any], above: str = "") -> Iterator[str]:
     for name, value in options.items():
-        if isinstance(value, Mapping) and not is_distribution(value):
+        if isinstance(value, Mapping) and value and not is_distribution(value):
             yield from _paths(value, f"{above}{name}.")
         elif name not in ("name", "description", "kind"):
             yield f"{above}{name}"
