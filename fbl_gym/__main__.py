@@ -18,17 +18,13 @@ from fbl_gym.neighbours import ROOT
 def keep_interrupts() -> None:
     """Let Ctrl-C stop the program also where it comes in a finalizer, where Python ignores it."""
 
-    def interrupt() -> None:
-        if os.name == "posix":
-            os.kill(os.getpid(), signal.SIGINT)  # it ends a call that waits, too
-        else:
-            _thread.interrupt_main()
-
     def again(unraisable: Any) -> None:
-        if unraisable.exc_type is KeyboardInterrupt:
-            threading.Timer(0.05, interrupt).start()
-        else:
+        if unraisable.exc_type is not KeyboardInterrupt:
             sys.__unraisablehook__(unraisable)
+        elif os.name == "posix":  # the signal ends a call that waits, too
+            threading.Timer(0.05, os.kill, (os.getpid(), signal.SIGINT)).start()
+        else:
+            threading.Timer(0.05, _thread.interrupt_main).start()
 
     sys.unraisablehook = again
 

@@ -25,6 +25,12 @@ def clip(x: Array, low: ArrayLike, high: ArrayLike) -> Array:
     return np.minimum(np.maximum(x, low), high)
 
 
+def _within(x: Array, limit: Pair) -> Array:
+    """Return the nearest x [... x 2] whose sizes are within a limit."""
+    high = np.array(limit)
+    return clip(x, -high, high)
+
+
 def class_of(control_dt: float, encoder: str | None) -> str:
     """Return the class of robots that a robot is most like, one of `scenarios.classes.CLASSES`.
 
@@ -190,19 +196,9 @@ class Interface:
         limit = (np.inf, np.inf) if self.torque_limit is None else self.torque_limit
         return np.array([each or 1.0 for each in limit])
 
-    @cached_property
-    def _torque_limit(self) -> Array:
-        return np.array(self.torque_limit)
-
-    @cached_property
-    def _action_limit(self) -> Array:
-        return np.array(self.action_limit)
-
     def saturate(self, torque: Array) -> Array:
         """Return a torque [... x 2] N m within its limit."""
-        if self.torque_limit is None:
-            return torque
-        return clip(torque, -self._torque_limit, self._torque_limit)
+        return torque if self.torque_limit is None else _within(torque, self.torque_limit)
 
     def action_from_torque(self, torque: Array, position: Array, velocity: Array) -> Array:
         """Return the action that commands a torque, [... x 2] in the action's unit.
@@ -218,7 +214,7 @@ class Interface:
         if self.action == "normalized":
             return self.saturate(torque) / self.torque_scale
         action = torque if self.action == "torque" else forward_dynamics(self.nominal, position, velocity, torque)
-        return clip(action, -self._action_limit, self._action_limit)
+        return _within(action, self.action_limit)
 
     def torque_from_action(self, action: Array, position: Array, velocity: Array) -> Array:
         """Return the torque that an action commands before delay and lag, [... x 2] N m.
@@ -226,8 +222,8 @@ class Interface:
         The inverse of `action_from_torque`, with its arguments.
         """
         if self.action == "normalized":
-            return clip(action, -1.0, 1.0) * self._torque_limit
-        action = clip(action, -self._action_limit, self._action_limit)
+            return clip(action, -1.0, 1.0) * np.array(self.torque_limit)
+        action = _within(action, self.action_limit)
         if self.action == "torque":
             return action
         return self.saturate(inverse_dynamics(self.nominal, position, velocity, action))
@@ -247,22 +243,16 @@ def make_layout(
             actuator are part of the state.
         preview: number of coming samples of the reference that are observed.
     """
-    slots: list[Slot] = []
-
-    def add(name: str, unit: str, bound: tuple[float, ...]) -> None:
-        start = slots[-1].start + slots[-1].size if slots else 0
-        slots.append(Slot(name, start, len(bound), unit, bound))
-
     position, velocity = (2 * limits.position,) * 2, (2 * limits.velocity,) * 2
     acceleration = (limits.acceleration,) * 2
     motion = {"position": (position, "rad"), "velocity": (velocity, "rad/s"), "acceleration": (acceleration, "rad/s^2")}
-    for sensor in sensors:
-        bound, unit = motion[sensor]
-        add(sensor, unit, bound)
-    for name, (bound, unit) in motion.items():
-        add(f"reference_{name}", unit, bound)
-    if past_actions:
-        add("previous_actions", action_unit, action_limit * past_actions)
-    if preview:
-        add("preview", "rad, rad/s, rad/s^2", (position + velocity + acceleration) * preview)
+    parts: list[tuple[str, tuple[float, ...], str]] = [(sensor, *motion[sensor]) for sensor in sensors]
+    parts += [(f"reference_{name}", *each) for name, each in motion.items()]
+    parts.append(("previous_actions", action_limit * past_actions, action_unit))
+    parts.append(("preview", (position + velocity + acceleration) * preview, "rad, rad/s, rad/s^2"))
+    slots, start = [], 0
+    for name, bound, unit in parts:
+        if bound:
+            slots.append(Slot(name, start, len(bound), unit, bound))
+        start += len(bound)
     return Layout(tuple(slots))

@@ -26,7 +26,7 @@ from benchmarks.policies.spec import resolve
 from benchmarks.run.suite import load
 from controllers.name import PolicyName
 from fbl_gym import TwoLinkArmVectorEnv, scenarios
-from fbl_gym.model.urdf import load_urdf
+from fbl_gym.model.urdf import read_robot
 from fbl_gym.records.record import merged
 from tests.fbl_gym import test_fuzz
 from tests.fbl_gym.declared import FIELDS, LEAVES
@@ -42,7 +42,7 @@ LINES = ["evaluate zero --seeds 1 --scenario", "evaluate --seeds 1", "evaluate z
          "margins", "list", "report --store", "check-policy", "recommend --seeds 1", "tune zero --trials", "query"]  # fmt: skip
 TASK = 'base = "noise-2"\nduration = 0.2\n[arm]\nm1 = 3.0\n[friction]\nviscous = 1.0\n'
 FILES = {
-    "arm.urdf": (chain(), load_urdf),
+    "arm.urdf": (chain(), read_robot),
     "task.toml": (TASK, lambda path: TwoLinkArmVectorEnv(1, scenarios.get(path))),
     "suite.toml": ('policies = ["zero"]\nscenarios = ["noise-1"]\nseeds = 2\n', lambda path: load(path).build()),
     "gains.json": ('{"gains": {"frequency": 9.0}}', lambda path: PolicyName.parse(f"pd-gravity@{path}").given_gains),

@@ -3,6 +3,7 @@
 import ast
 import os
 import re
+import shutil
 import subprocess
 import sys
 import sysconfig
@@ -15,17 +16,22 @@ ROOT = Path(__file__).parents[1]
 COMMAND = "import sys; sys.argv = ['fbl-gym', '--version']; sys.orig_argv = []; import fbl_gym.__main__"
 
 
+def run(line, **options):
+    """Run a command."""
+    done = subprocess.run(line, capture_output=True, text=True, **options)
+    assert done.returncode == 0, done.stdout + done.stderr
+    return done
+
+
 def python(code, **options):
-    """Run code in a fresh interpreter; returns what it printed."""
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, **options)
-    assert done.returncode == 0, done.stderr
-    return done.stdout
+    """Run code in a fresh interpreter; return what it printed."""
+    return run([sys.executable, "-c", code], **options).stdout
 
 
-def build(target, tmp_path):
+def build(target, tmp_path, source=ROOT):
     """Build a wheel or an sdist, without network, and return it."""
     code = f"import hatchling.build as b; print(b.build_{target}({str(tmp_path)!r}))"
-    return tmp_path / python(code, cwd=ROOT).splitlines()[-1]
+    return tmp_path / python(code, cwd=source).splitlines()[-1]
 
 
 @pytest.mark.slow
@@ -34,9 +40,7 @@ def test_a_built_package_works_outside_the_checkout(tmp_path):
     sdist = build("sdist", tmp_path)
     with tarfile.open(sdist) as archive:
         archive.extractall(tmp_path, filter="data")
-    source = tmp_path / sdist.name.removesuffix(".tar.gz")
-    code = f"import hatchling.build as b; print(b.build_wheel({str(tmp_path)!r}))"
-    wheel = tmp_path / python(code, cwd=source).splitlines()[-1]
+    wheel = build("wheel", tmp_path, tmp_path / sdist.name.removesuffix(".tar.gz"))
     home = tmp_path / "environment"
     subprocess.run([sys.executable, "-m", "venv", "--without-pip", str(home)], check=True)
     scripts = home / ("Scripts" if os.name == "nt" else "bin")
@@ -47,20 +51,16 @@ def test_a_built_package_works_outside_the_checkout(tmp_path):
     subprocess.run([*pip, "install", "--quiet", "--no-deps", "--ignore-installed", str(wheel)], check=True)
     environment = {name: value for name, value in os.environ.items() if name != "PYTHONPATH"}
 
-    def run(*line):
-        done = subprocess.run(
-            [str(scripts / line[0]), *line[1:]], capture_output=True, text=True, cwd=tmp_path, env=environment
-        )
-        assert done.returncode == 0, done.stdout + done.stderr
-        return done.stdout
+    def installed(program, *words):
+        return run([str(scripts / program), *words], cwd=tmp_path, env=environment).stdout
 
-    assert str(site) in run("python", "-c", "import fbl_gym, benchmarks, controllers; print(fbl_gym.__file__)")
+    assert str(site) in installed("python", "-c", "import fbl_gym, benchmarks, controllers; print(fbl_gym.__file__)")
     few = ["--policies", "zero", "ppo-blend", "--scenarios", "nominal", "--seeds", "1"]
-    assert "ppo-blend" in run("fbl-gym", "leaderboard", *few, "--workers", "1")
-    run("fbl-gym", "report", *few)
+    assert "ppo-blend" in installed("fbl-gym", "leaderboard", *few, "--workers", "1")
+    installed("fbl-gym", "report", *few)
     assert (tmp_path / "results" / "report" / "board.html").stat().st_size > 1e6
     few = ["--trials", "2", "--seeds", "1", "--fresh-seeds", "1", "--candidates", "1", "--scenarios", "nominal"]
-    assert "use them as pd-gravity@" in run("fbl-gym", "tune", "pd-gravity", *few)
+    assert "use them as pd-gravity@" in installed("fbl-gym", "tune", "pd-gravity", *few)
     assert (site / "fbl_gym" / "py.typed").exists()
     assert not (site / "tests").exists()
     subprocess.run([*pip, "uninstall", "--quiet", "--yes", "fbl-gym"], check=True)
@@ -114,32 +114,35 @@ def test_the_list_of_commands_imports_nothing():
     assert not {"numba", "scipy"} & set(ast.literal_eval(python("import fbl_gym" + show)))
 
 
-def test_a_users_package_that_hides_one_of_these_is_named(tmp_path):
-    (tmp_path / "controllers").mkdir()
-    (tmp_path / "controllers" / "__init__.py").touch()
-    environment = {**os.environ, "PYTHONPATH": os.pathsep.join([str(tmp_path), str(ROOT)])}
-    line = [sys.executable, "-c", "import fbl_gym"]
-    done = subprocess.run(line, capture_output=True, text=True, cwd=tmp_path, env=environment)
-    assert f"UserWarning: `import controllers` takes {tmp_path}" in done.stderr
-    assert "benchmarks" not in done.stderr
+@pytest.fixture
+def first(tmp_path):
+    """Options of a process in whose path a folder comes first."""
+    return {"cwd": tmp_path, "env": os.environ | {"PYTHONPATH": os.pathsep.join([str(tmp_path), str(ROOT)])}}
+
+
+def users(folder, name, text=""):
+    """Write a file into folders `controllers` and `benchmarks` of a user."""
+    for package in ("controllers", "benchmarks"):
+        (folder / package).mkdir()
+        (folder / package / name).write_text(text)
+
+
+def test_a_users_package_that_hides_one_of_these_is_named(tmp_path, first):
+    users(tmp_path, "__init__.py")
+    shutil.rmtree(tmp_path / "benchmarks")
+    shown = run([sys.executable, "-c", "import fbl_gym"], **first).stderr
+    assert f"UserWarning: `import controllers` takes {tmp_path}" in shown
+    assert "benchmarks" not in shown
 
 
 def test_a_users_folder_of_the_same_name_keeps_its_modules(tmp_path):
-    for name in ("controllers", "benchmarks"):
-        (tmp_path / name).mkdir()
-        (tmp_path / name / "mine.py").touch()
-    line = "import controllers.mine, benchmarks.mine, controllers.base"
-    subprocess.run([sys.executable, "-c", line], cwd=tmp_path, check=True)
+    users(tmp_path, "mine.py")
+    python("import controllers.mine, benchmarks.mine, controllers.base", cwd=tmp_path)
 
 
-def test_a_users_folder_of_the_same_name_does_not_break_the_command(tmp_path):
+def test_a_users_folder_of_the_same_name_does_not_break_the_command(tmp_path, first):
     """Folders `controllers` and `benchmarks` come first in the path; workers and policies get fbl-gym's too."""
-    for name in ("controllers", "benchmarks"):
-        (tmp_path / name).mkdir()
-        (tmp_path / name / "__init__.py").write_text("raise RuntimeError('the wrong one')\n")
+    users(tmp_path, "__init__.py", "raise RuntimeError('the wrong one')\n")
     (tmp_path / "law.py").write_text("from controllers.laws.simple import Zero as make_policy\n")
-    environment = {**os.environ, "PYTHONPATH": os.pathsep.join([str(tmp_path), str(ROOT)])}
     command = "leaderboard --policies zero law.py --scenarios nominal --seeds 1 --workers 2"
-    line = [sys.executable, "-m", "fbl_gym", *command.split()]
-    done = subprocess.run(line, capture_output=True, text=True, cwd=tmp_path, env=environment)
-    assert done.returncode == 0, done.stderr + done.stdout
+    run([sys.executable, "-m", "fbl_gym", *command.split()], **first)

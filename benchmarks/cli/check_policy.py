@@ -3,18 +3,12 @@
 import argparse
 from typing import Any
 
-from benchmarks.cli.common import add, trust
 from benchmarks.policies.spec import PolicySpec, resolve
 from benchmarks.run.contract import check
 from benchmarks.text import say
 
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    add(parser, "policy", "--trust")
-
-
 def run(arguments: argparse.Namespace) -> int:
-    trust(arguments)
     policy, broken = resolve(arguments.policy), 0
     for promise, kept, detail, _ in policy.call(_check, policy):
         say(f"{'ok    ' if kept else 'BROKEN'}  {promise}: {detail}")

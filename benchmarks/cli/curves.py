@@ -1,23 +1,15 @@
 """`fbl-gym curves`."""
 
 import argparse
-from pathlib import Path
 
 import numpy as np
 
 from benchmarks.analysis.curves import Group, read_groups
 from benchmarks.analysis.statistics import Estimate
-from benchmarks.cli.common import add_plot
 from benchmarks.report.plot import Line, Panel, plot_lines
-from benchmarks.report.terminal import Screen, table
+from benchmarks.report.terminal import show
 
 AXES = {"steps": "environment steps", "cpu_s": "processor time [s]"}
-
-
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Declare the command's arguments."""
-    parser.add_argument("runs", nargs="+", type=Path, metavar="RUN", help="folders of `fbl-gym train`")
-    add_plot(parser, "error against steps and against processor time")
 
 
 def run(arguments: argparse.Namespace) -> int:
@@ -28,14 +20,15 @@ def run(arguments: argparse.Namespace) -> int:
     rows = []
     for group in sorted(groups, key=lambda group: group.estimate("cpu_s", np.array([common["cpu_s"]])).value[0]):
         ends = group.ends("steps")
-        row = [group.name, str(len(group.runs)), f"{ends.min():,.0f} to {ends.max():,.0f}"]
-        row += [_text(group.estimate(axis, np.array([point]))) for axis, point in common.items()]
-        rows.append(row)
-    Screen().print(table("Validation error [mrad]", header, rows))
+        errors = (_text(group.estimate(axis, np.array([point]))) for axis, point in common.items())
+        rows.append([group.name, str(len(group.runs)), f"{ends.min():,.0f} to {ends.max():,.0f}", *errors])
+    show("Validation error [mrad]", header, rows)
     print("Geometric mean over the training seeds, of the best agent so far, with a 95 % interval over these seeds.")
     if arguments.plot is not None:
-        panels = [Panel("", label, "validation error [mrad]", _lines(groups, axis), ("log", "log"))
-                  for axis, label in AXES.items()]  # fmt: skip
+        panels = [
+            Panel("", label, "validation error [mrad]", tuple(_line(group, axis) for group in groups), ("log", "log"))
+            for axis, label in AXES.items()
+        ]
         plot_lines("Learning curves", panels, arguments.plot, arguments.width, across=2)
     return 0
 
@@ -45,11 +38,8 @@ def _text(error: Estimate) -> str:
     return f"{value:.4g}" if low == high else f"{value:.4g} [{low:.4g}, {high:.4g}]"
 
 
-def _lines(groups: tuple[Group, ...], axis: str) -> tuple[Line, ...]:
-    lines = []
-    for group in groups:
-        first, last = max(run[axis][run[axis] > 0][0] for run in group.runs), group.ends(axis).min()
-        points = np.geomspace(max(first, 0.02 * last), last, 60)
-        error = group.estimate(axis, points)
-        lines.append(Line(points, error.value, group.name, low=error.low, high=error.high))
-    return tuple(lines)
+def _line(group: Group, axis: str) -> Line:
+    first, last = max(run[axis][run[axis] > 0][0] for run in group.runs), group.ends(axis).min()
+    points = np.geomspace(max(first, 0.02 * last), last, 60)
+    error = group.estimate(axis, points)
+    return Line(points, error.value, group.name, low=error.low, high=error.high)

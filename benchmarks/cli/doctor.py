@@ -8,16 +8,12 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks.cli.parser import EXTRAS
+from benchmarks.cli.arguments import EXTRAS
 from benchmarks.run.rollout import rollout
 from benchmarks.run.store import provenance
 from fbl_gym import TwoLinkArmVectorEnv, scenarios
 from fbl_gym.kernel.step import api
 from fbl_gym.neighbours import ROOT
-
-
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("--compile", action="store_true", help="compile everything now, so that no first step waits")
 
 
 def run(arguments: argparse.Namespace) -> int:

@@ -8,7 +8,7 @@ from functools import partial
 import numpy as np
 
 from benchmarks.analysis.statistics import geometric_mean, interval, resample, tail_mean, wins
-from benchmarks.cli import common
+from benchmarks.cli.common import command_line
 from benchmarks.policies.spec import resolve
 from benchmarks.report import terminal
 from benchmarks.report.columns import Table, number
@@ -19,80 +19,62 @@ from benchmarks.run.metrics import counted_errors, measure, summarize
 from benchmarks.run.rollout import Trace
 from benchmarks.run.runner import run_trials
 from benchmarks.run.traces import export
+from benchmarks.text import say
 from fbl_gym import Scenario, scenarios
 from fbl_gym.model.arm import Array
 
 Rows = list[dict[str, float]]
 
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    common.add(parser, "policies", "--scenario")
-    common.add_option(parser, "--seeds", common.episodes, 16, "N", "test seeds 0 to N-1, an arm each")
-    common.add_option(parser, "--trials", common.count, 1, "K", "repeat each arm's motion in K episodes in a row")
-    common.add_plot(parser, "the signals of one policy or of several, or the errors over the trials")
-    common.add_file(parser, "--csv", "write all metrics of all runs", ".csv")
-    signals = "write all signals of all seeds, also readings and the policy's state, a file for each policy"
-    common.add_file(parser, "--trace", signals, ".csv", ".mat")
-    common.add_tex(parser)
-    parser.add_argument("--columns", choices=("all",), help="print the metrics, too, that these runs do not have")
-    common.add(parser, "--trust")
-
-
 def run(arguments: argparse.Namespace) -> int:
     """Run the policies, print their metrics, and write the files that the arguments name."""
-    common.trust(arguments)
-    names = {str(name): name for name in arguments.policies}
-    policies = [*names]
+    names, seeds = {str(name): name for name in arguments.policies}, range(arguments.seeds)
     detailed, alone = arguments.trace is not None, len(names) == arguments.trials == 1
     if detailed and arguments.trials > 1:
         raise ValueError(f"--trace is for one trial, got --trials {arguments.trials}")
     scenario = scenarios.get(arguments.scenario)
     traces = {
-        policy: run_trials(resolve(name), scenario, range(arguments.seeds), arguments.trials, detailed=detailed)
+        policy: run_trials(resolve(name), scenario, seeds, arguments.trials, detailed=detailed)
         for policy, name in names.items()
     }
     runs = {policy: [measure(trace) for trace in trials] for policy, trials in traces.items()}
     last = {policy: trials[-1] for policy, trials in traces.items()}
     title = f"{scenario.name}, {arguments.seeds} seeds"
-    screen = terminal.Screen()
     if arguments.trials > 1:
         title = f"error % on {title}: median (worst 5 %)"
-        lines = _trials_table(traces, runs)
+        table = _trials_table(traces, runs)
         bands = (band(np.arange(1.0, len(trials) + 1.0), _errors(trials), policy) for policy, trials in runs.items())
         panel = Panel("", "trial", "error [%]", tuple(bands), ("linear", "log"))
         draw = partial(plot_lines, f"Error over trials of {scenario.name}", [panel])
     elif not alone:
-        lines = _comparison({policy: rows for policy, (rows,) in runs.items()}, scenario)
+        table = _comparison({policy: rows for policy, (rows,) in runs.items()}, scenario)
         draw = partial(plot_comparison, last, f"Tracking on {scenario.name}")
     else:
-        (trace,), ((rows,),) = last.values(), runs.values()
-        title = f"{policies[0]} on {title}"
-        lines = terminal.evaluation(rows, 1e6 * trace.decision_time, arguments.columns == "all")
+        ((policy, trace),), ((rows,),) = last.items(), runs.values()
+        title = f"{policy} on {title}"
+        table = terminal.evaluation(rows, 1e6 * trace.decision_time, arguments.columns == "all")
         draw = partial(plot_trace, trace, title)
-    screen.print(terminal.table(title, *lines, "left" if alone else "right"))
+    terminal.show(title, *table, "left" if alone else "right")
     if alone:
-        screen.say(scenario.description)
+        say(scenario.description)
     for policy, name in names.items():
         for path in name.gains_of_other_arms(scenario.arm):
-            screen.say(f"{policy}: {path} has the gains of another arm than that of {scenario.name}")
+            say(f"{policy}: {path} has the gains of another arm than that of {scenario.name}")
     if arguments.tex is not None:
-        width = 3 if alone else len(lines[0])  # without the meaning of the metrics
-        write_table(arguments.tex, lines[0][:width], [row[:width] for row in lines[1]], common.command_line())
-        screen.say(f"table: {arguments.tex}")
+        width = 3 if alone else len(table.header)  # without the meaning of the metrics
+        write_table(arguments.tex, table.header[:width], [row[:width] for row in table.rows], command_line())
+        say(f"table: {arguments.tex}")
     if arguments.plot is not None:
         draw(arguments.plot, arguments.width)
-        screen.say(f"plot: {arguments.plot}, {caption(arguments.seeds)}")
+        say(f"plot: {arguments.plot}, {caption(arguments.seeds)}")
     for policy, trace in last.items() if detailed else ():
         own = "" if alone else "-" + re.sub(r"[^\w.+@=-]", "-", policy)
         export(trace, path := arguments.trace.with_stem(arguments.trace.stem + own))
-        screen.say(f"trace: {path}")
+        say(f"trace: {path}")
     if arguments.csv is not None:
-        cells = (
-            ((policy, trial), range(arguments.seeds), rows)
-            for policy, trials in runs.items() for trial, rows in enumerate(trials, 1)
-        )  # fmt: skip
+        cells = [((policy, i), seeds, rows) for policy, trials in runs.items() for i, rows in enumerate(trials, 1)]
         write_runs(arguments.csv, ("policy", "trial"), cells)
-        screen.say(f"runs: {arguments.csv}")
+        say(f"runs: {arguments.csv}")
     return 0
 
 

@@ -4,19 +4,17 @@ import argparse
 import dataclasses
 import sys
 from collections.abc import Sequence
-from typing import Any
 
 from benchmarks.analysis.board import Board, assemble
 from benchmarks.analysis.transfer import Agreement, Runs, compare_halves, compare_orders
-from benchmarks.cli.common import RUN, add, add_tex, command_line, count, results_by_id, run_all, trust
+from benchmarks.cli.common import command_line, run_all
 from benchmarks.policies.isolation import CallLimits
 from benchmarks.report import terminal
 from benchmarks.report.latex import write_board
-from benchmarks.report.terminal import Screen, table
 from benchmarks.run.cell import Cell
 from benchmarks.run.expansion import expand
 from benchmarks.run.store import Result, Store
-from benchmarks.run.suite import SHORT_SEEDS, SUITES, Suite, load
+from benchmarks.run.suite import Suite, load
 from benchmarks.text import say
 from fbl_gym import scenarios
 from fbl_gym.scenarios.classes import CLASSES
@@ -25,32 +23,19 @@ SHOWN = 10
 """Policies of a board that the short form prints, and those of `--policy`."""
 
 
-def add_suite(parser: argparse.ArgumentParser) -> None:
-    """Add the arguments that choose cells, and the limits of a cell."""
-    add = parser.add_argument
-    boards = f"{', '.join(SUITES)}, or TOML files, each a board (all classes of robots, or that of --scenarios)"
-    add("--suite", nargs="+", metavar="S", help=boards)
-    add("--short", action="store_true", help=f"a few scenarios of each class, with {SHORT_SEEDS} seeds")
-    add("--policies", nargs="+", default=(), metavar="P", help="only these (the suite's)")
-    more = "one more policy: module:factory, file.py, ./folder, or model.zip"
-    add("--policy", action="append", default=[], metavar="P", help=more)
-    add("--scenarios", nargs="+", default=(), metavar="S", help="only these scenarios, or families (the suite's)")
-    add("--seeds", type=count, metavar="N", help="episodes per cell, test seeds 0 to N-1 (the suite's)")
-    longest = f"longest time of a cell or of loading a policy [s] ({CallLimits.seconds:g}, for external policies alone)"
-    add("--cell-timeout", type=float, default=CallLimits.seconds, metavar="S", help=longest)
-    add("--cell-memory", type=float, metavar="GB", help="most memory of a cell, on Linux (as much as there is)")
-
-
 def suites_of(arguments: argparse.Namespace) -> list[Suite]:
     """Return the suites that the arguments describe, each of which makes a board."""
-    trust(arguments)
     names = arguments.suite or [*CLASSES]
     if arguments.scenarios and not arguments.suite:
         classes = {scenario.robot_class for scenario in expand(arguments.scenarios)}
         names = [classes.pop() if len(classes) == 1 else "servo"]
-    chosen = arguments.policies, arguments.scenarios, arguments.seeds
-    more: dict[str, Any] = {"short": arguments.short, "more": arguments.policy, "limits": limits_of(arguments)}
-    suites = [load(name, arguments.trust).build(*chosen, **more) for name in names]
+    suites = [
+        load(name, arguments.trust).build(
+            arguments.policies, arguments.scenarios, arguments.seeds,
+            short=arguments.short, more=arguments.policy, limits=limits_of(arguments),
+        )
+        for name in names
+    ]  # fmt: skip
     taken = [suite.name for suite in suites]
     if len(set(taken)) < len(taken):
         raise ValueError(f"--suite must give suites of different names, got {', '.join(taken)}")
@@ -62,14 +47,6 @@ def limits_of(arguments: argparse.Namespace) -> CallLimits:
     return CallLimits(arguments.cell_timeout, arguments.cell_memory)
 
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    add_suite(parser)
-    orders = f"compare the orders on the package's arm and in MuJoCo's worlds {', '.join(scenarios.WORLDS)}"
-    parser.add_argument("--world", nargs="+", choices=scenarios.WORLDS, metavar="W", help=orders)
-    add_tex(parser)
-    add(parser, *RUN)
-
-
 def run(arguments: argparse.Namespace) -> int:
     """Run the suite's cells, print the board, and return the exit status."""
     suites, store = suites_of(arguments), Store(arguments.store)
@@ -78,15 +55,14 @@ def run(arguments: argparse.Namespace) -> int:
     if arguments.world:
         return max(compare_worlds(suite, arguments) for suite in suites)
     cells = [cell for suite in suites for cell in suite.cells]
-    for _ in run_all(cells, arguments, limits_of(arguments)):
-        pass
+    run_all(cells, arguments, limits_of(arguments))
     results = results_of(cells, store)
     if not any(result.rows for result in results):
         say(f"fbl-gym: no cell has a result; {results[0].cell.id} failed: {results[0].error}", sys.stderr)
         return 1
     boards = boards_of(suites, store)
     rows = terminal.Rows(SHOWN, [*map(str, arguments.policy)]) if arguments.short else terminal.Rows()
-    terminal.leaderboards(Screen(), boards, rows)
+    terminal.leaderboards(terminal.Screen(), boards, rows)
     if arguments.tex is not None:
         write_board(arguments.tex, boards[suites[0].name], command_line())
         say(f"table: {arguments.tex}")
@@ -120,20 +96,22 @@ def compare_worlds(suite: Suite, arguments: argparse.Namespace) -> int:
         world: dataclasses.replace(suite, scenarios=tuple(scenarios.in_world(task, world) for task in suite.scenarios))
         for world in arguments.world
     }
-    results = results_by_id([cell for side in suites.values() for cell in side.cells], arguments)
+    results = run_all([cell for side in suites.values() for cell in side.cells], arguments)
     failed = {result.cell.policy.name for result in results.values() if result.error}
     names = dict.fromkeys(cell.policy.name for cell in suite.cells if cell.policy.name not in failed)
-    screen, runs = Screen(), {}
+    runs = {}
     for side, members in suites.items():
-        screen.say(f"{side}:")
-        terminal.leaderboard(screen, assemble([results[cell.id] for cell in members.cells], members.cells))
+        say(f"{side}:")
+        terminal.leaderboard(terminal.Screen(), assemble([results[cell.id] for cell in members.cells], members.cells))
         runs[side] = Runs.of([[results[f"{name}/{task.name}"] for task in members.scenarios] for name in names])
-    screen.say(terminal.MEANING)
+    say(terminal.MEANING)
     own, *halves = (_tau(compare_halves(some)) for some in runs.values())
-    taus = (_tau(compare_orders(runs["package"], runs[world])) for world in arguments.world)
-    rows = [(world, tau, f"{own} / {half}") for world, tau, half in zip(arguments.world, taus, halves, strict=True)]
-    screen.print(table("Kendall's tau (pairs) between the orders by the error", ("world", "tau", "halves"), rows))
-    screen.say(
+    rows = [
+        (world, _tau(compare_orders(runs["package"], runs[world])), f"{own} / {half}")
+        for world, half in zip(arguments.world, halves, strict=True)
+    ]
+    terminal.show("Kendall's tau (pairs) between the orders by the error", ("world", "tau", "halves"), rows)
+    say(
         "tau: of all pairs of rows, and of those that both sides separate. halves: the same between halves of the seeds, "
         "package's arm / world"
     )

@@ -4,7 +4,7 @@ import argparse
 import contextlib
 import itertools
 import re
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 
 from gymnasium.error import DependencyNotInstalled
 
@@ -15,10 +15,6 @@ from controllers.composition import PARTS, gain_name
 from fbl_gym import Reward, Scenario, scenarios
 from fbl_gym.records.descriptions import Description, describe
 from fbl_gym.scenarios.classes import CLASSES
-
-
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("what", nargs="?", choices=tuple(LISTS), help="the list to print (all)")
 
 
 def _policy(name: str) -> str:
@@ -39,19 +35,15 @@ def _scenarios() -> dict[str, str]:
     return texts
 
 
-def _lines(*fields: Description) -> dict[str, str]:
-    return {field.path: _line(field) for field in fields}
-
-
 def _gains() -> dict[str, str]:
     """Return the gains of each law whose extra is installed, then those of the parts."""
     texts: dict[str, str] = {}
     for name in controllers.names():
         if controllers.kind(name) == "classical":
             with contextlib.suppress(ImportError, DependencyNotInstalled):
-                texts |= _lines(*describe(controllers.factory(name), f"{name}."))  # type: ignore[arg-type]
+                texts |= _lines(describe(controllers.factory(name), f"{name}."))  # type: ignore[arg-type]
     for name, part in PARTS.items():
-        texts |= _lines(*describe(part, f"+{name} {gain_name(name, '')}"))
+        texts |= _lines(describe(part, f"+{name} {gain_name(name, '')}"))
     return texts
 
 
@@ -60,12 +52,15 @@ def options() -> list[Description]:
     return [*describe(Scenario), *describe(Reward, "reward.")]
 
 
-def _line(field: Description) -> str:
-    """Return a field's description in one line."""
-    unit = f" [{field.unit}]" if field.unit else ""
-    default = field.default if field.default == "required" else f"default {field.default}"
-    tune = f"tuned within {field.tune}" if field.tune else ""
-    return "; ".join(filter(None, (field.form + unit, default, tune, field.meaning)))
+def _lines(fields: Iterable[Description]) -> dict[str, str]:
+    """Return the description of each field in one line."""
+    texts = {}
+    for field in fields:
+        unit = f" [{field.unit}]" if field.unit else ""
+        default = field.default if field.default == "required" else f"default {field.default}"
+        tune = f"tuned within {field.tune}" if field.tune else ""
+        texts[field.path] = "; ".join(filter(None, (field.form + unit, default, tune, field.meaning)))
+    return texts
 
 
 def _claims() -> dict[str, str]:
@@ -79,7 +74,7 @@ LISTS: dict[str, Callable[[], Mapping[str, str]]] = {
     "scenarios": _scenarios,
     "suites": lambda: {name: suite.meaning for name, suite in SUITES.items()},
     "claims": _claims,
-    "options": lambda: _lines(*options()),
+    "options": lambda: _lines(options()),
     "gains": _gains,
 }
 

@@ -1,26 +1,17 @@
 """`fbl-gym margins`."""
 
 import argparse
-from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 
-from benchmarks.cli.common import add, add_option, add_plot
 from benchmarks.policies.spec import resolve
 from benchmarks.report.plot import Line, Panel, plot_lines
-from benchmarks.report.terminal import Screen, table
-from benchmarks.run.linearize import POINT, margins_as_data
+from benchmarks.report.terminal import show
+from benchmarks.run.linearize import margins_as_data
 from benchmarks.run.loop import Margins
+from benchmarks.text import say
 from fbl_gym import scenarios
-
-
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    add(parser, "policies", "--scenario")
-    add_option(parser, "--seed", int, 0, "N", "of the real arm, where it is drawn")
-    rest = "where the arm rests, in rad (-1 0.5)"
-    parser.add_argument("--at", nargs=2, type=float, default=POINT, metavar=("Q1", "Q2"), help=rest)
-    add_plot(parser, "the Bode plot of each joint's loop")
 
 
 def run(arguments: argparse.Namespace) -> int:
@@ -28,9 +19,7 @@ def run(arguments: argparse.Namespace) -> int:
     scenario = scenarios.get(arguments.scenario)
     q1, q2 = arguments.at
     title = f"{scenario.name}, at rest at ({q1:g}, {q2:g}) rad"
-    rows: list[Sequence[str]] = []
-    remarks: list[str] = []
-    loops: dict[str, Any] = {}
+    rows, remarks, loops = [], [], {}
     for policy in arguments.policies:
         spec = resolve(policy)
         try:
@@ -43,16 +32,18 @@ def run(arguments: argparse.Namespace) -> int:
             ))  # fmt: skip
         except ValueError as problem:
             remarks.append(f"no margins of {policy}: {problem}")
-    screen = Screen()
     if rows:
-        header = ("policy", "gain margin", "phase margin", "delay margin", "in samples", "peak of S", "peak of T")
-        screen.print(table(title, header, rows))
+        show(
+            title,
+            ("policy", "gain margin", "phase margin", "delay margin", "in samples", "peak of S", "peak of T"),
+            rows,
+        )
         remarks.append("Gain, phase and peaks: the worse joint, cut at its torque. Delay: of both torques.")
     if rows and arguments.plot is not None:
         plot_lines(f"Loops on {title}", _bode(loops), arguments.plot, arguments.width, across=2)
         remarks.append(f"plot: {arguments.plot}")
     for remark in remarks:
-        screen.say(remark)
+        say(remark)
     return 0 if rows else 1
 
 
@@ -66,7 +57,6 @@ def _bode(loops: dict[str, Any]) -> list[Panel]:
     for label, part in (("|L|", np.abs), ("phase of L [deg]", lambda z: np.degrees(np.unwrap(np.angle(z))))):
         scales = ("log", "log" if part is np.abs else "linear")
         for joint in (0, 1):
-            curves = {name: both[joint] for name, both in loops.items()}
-            lines = tuple(Line(w, part(transfer), name) for name, (w, transfer) in curves.items())
-            panels.append(Panel(f"joint {joint + 1}", "frequency [rad/s]", label, lines, scales))
+            lines = [Line(both[joint][0], part(both[joint][1]), name) for name, both in loops.items()]
+            panels.append(Panel(f"joint {joint + 1}", "frequency [rad/s]", label, tuple(lines), scales))
     return panels

@@ -10,58 +10,11 @@ import signal
 import sys
 import warnings
 from collections.abc import Callable, Sequence
-from typing import Any, NamedTuple, NoReturn
+from typing import Any, NoReturn
 
+from benchmarks.cli.arguments import COMMANDS, EXTRAS, add_arguments, trust
 from benchmarks.text import say, visible
 from fbl_gym import __version__
-
-
-class Command(NamedTuple):
-    """A command: one line of help, example arguments, and what a stopped run keeps."""
-
-    help: str
-    example: str
-    kept: str = ""
-
-
-COMMANDS = {
-    "evaluate": Command("evaluate policies on one scenario: metrics or a comparison, plot, trials",
-        "pid-flm cascade-flm --scenario payload-2 --plot errors.png"),
-    "play": Command("move the target, push and load running arms in a window, with mouse and keys",
-        "pid-flm cascade-flm --scenario payload-2 --seconds 10 --record play.gif"),
-    "leaderboard": Command("run a suite: all policies on all scenario families, with the same seeds",
-        "--policies pid-flm cascade-flm zero oracle-flm --seeds 4", "finished cells are kept"),
-    "report": Command("write the board as Markdown, CSV and one HTML page, from stored results",
-        "--policies pid-flm cascade-flm zero oracle-flm --seeds 4 --out board"),
-    "sweep": Command("measure policies over the values of options: CSV and figure",
-        "pid-flm lqg --over noise.position=1e-4:1e-2:log:5 --scenario nominal --seeds 8", "finished cells are kept"),
-    "identify": Command("turn the logs of a robot into a scenario, check it against logs, plan a motion to log",
-        "run-1.csv run-2.csv --start my_arm.toml --toml identified.toml"),
-    "recommend": Command("name the policies to use on an arm: a scenario and conditions around it",
-        "servo-nominal --policies pd-gravity computed-torque --seeds 4"),
-    "margins": Command("gain, phase and delay margins of policies, by linearisation", "pid-flm@tuned lqg"),
-    "verify": Command("run a stored result again and compare it bit for bit", "cascade-flm/servo-model-error-2"),
-    "check-policy": Command("check that a policy keeps every promise of a policy", "my_law.py"),
-    "tune": Command("tune a policy's gains on the tuning seeds", "computed-torque --trials 20", "finished trials are kept"),
-    "train": Command("train an agent on the uncertain arm", "ppo --minutes 2",
-        "the last checkpoint and the best agent are kept"),
-    "curves": Command("compare training runs, grouped over their seeds: table and learning curves",
-        "runs/ppo-torque-0 runs/ppo-torque-1 --plot curves.png"),
-    "reproduce": Command("measure the paper's figures and claims, each with a verdict",
-        "--only figure-3a --short", "finished claims are kept"),
-    "show": Command("show a scenario: every number with its unit, and what follows from them", "geared-nominal servo-nominal"),
-    "list": Command("list policies, scenarios, options, gains, suites or claims, with one line each", "scenarios"),
-    "doctor": Command("show versions, extras, compile cache and folders of the packages, and run a self-check", "--compile"),
-}  # fmt: skip
-"""The commands; the file of each has its name, with underscores."""
-
-
-EXTRAS: dict[str, tuple[str, ...]] = {
-    "bench": ("filterpy", "matplotlib", "pandas", "rich", "threadpoolctl"), "analysis": ("jinja2", "optuna", "plotly"),
-    "rl": ("sb3_contrib", "stable_baselines3", "torch"), "render": ("imageio_ffmpeg", "pygame"),
-    "mpc": ("casadi",), "mujoco": ("mujoco",), "cuda": ("numba_cuda",),
-}  # fmt: skip
-"""The modules that each extra installs."""
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -82,6 +35,8 @@ def main(argv: Sequence[str] | None = None) -> int:
             return 0
         parser, run = prepare(given[0])
         arguments = parser.parse_args(given[1:])
+        if "trust" in arguments:
+            trust(arguments)
         return run(arguments)
     except BrokenPipeError:  # the reader of the output, such as `head`, has stopped
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
@@ -90,7 +45,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         say(f"fbl-gym: {_reason(problem)}", sys.stderr)
         return 2
     except KeyboardInterrupt:
-        kept = COMMANDS[given[0]].kept if given and given[0] in COMMANDS else ""
+        kept = COMMANDS.get(given[0], {}).get("kept")
         with contextlib.suppress(OSError):  # the terminal may be closed
             print("fbl-gym: stopped" + (f"; {kept}, and the same command goes on" if kept else ""), file=sys.stderr)
         return 128 + signal.SIGINT
@@ -148,7 +103,7 @@ def _overview() -> argparse.ArgumentParser:
         prog="fbl-gym",
         usage="fbl-gym COMMAND [--help] ...",
         description="Robust, adaptive and learned control on one uncertain two-link arm.",
-        epilog="commands:\n" + "".join(f"  {name:<{wide}}{command.help}\n" for name, command in COMMANDS.items()),
+        epilog="commands:\n" + "".join(f"  {name:<{wide}}{command['help']}\n" for name, command in COMMANDS.items()),
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     parser.add_argument("--version", action="version", version=f"fbl-gym {__version__}")
@@ -165,9 +120,9 @@ def prepare(name: str) -> tuple[argparse.ArgumentParser, Callable[[argparse.Name
     module = importlib.import_module(f"benchmarks.cli.{name.replace('-', '_')}")
     parser = Parser(
         prog=f"fbl-gym {name}",
-        description=command.help[0].upper() + command.help[1:] + ".",
-        epilog=f"example: fbl-gym {name} {command.example}",
+        description=command["help"][0].upper() + command["help"][1:] + ".",
+        epilog=f"example: fbl-gym {name} {command['example']}",
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
-    module.add_arguments(parser)
+    add_arguments(parser, command["arguments"])
     return parser, module.run

@@ -11,7 +11,6 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks.cli import common
 from benchmarks.files import replacing
 from benchmarks.policies.spec import PolicySpec, resolve
 from benchmarks.run.rollout import make_env
@@ -38,25 +37,11 @@ ROUND = 60.0
 NOISE = (2e-3, 2e-2)
 """Standard deviation of the noise that a key adds to position [rad] and velocity [rad/s]."""
 
-NOTHING = (-1, 0.0)
-"""The grip of a hand that holds no link."""
-
 HELP = "drag: target   drag a link: push   p: payload   d: drop   b: weaker drive 2   n: noise   r: again   q: quit"
-
-
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    meaning = f"the first two move an arm each; the keys 1 to 9 give the arm under the mouse another: {common.POLICY}"
-    common.add(parser, "policies", nargs="*", default=["pid-flm", "cascade-flm"], help=meaning)
-    common.add(parser, "--scenario")
-    common.add_option(parser, "--seed", int, 0, "K", "seed of the episode")
-    parser.add_argument("--seconds", type=float, metavar="T", help=f"end after T s (begin again after {ROUND:g} s)")
-    common.add_file(parser, "--record", "write what the window shows", ".gif")
-    common.add(parser, "--trust")
 
 
 def run(arguments: argparse.Namespace) -> int:
     """Show the window until it is closed or the time is up."""
-    common.trust(arguments)
     scenario = scenarios.get(arguments.scenario)
     seconds = ROUND if arguments.seconds is None else check_number("--seconds", arguments.seconds, above=0)
     steps = max(1, round(seconds / scenario.control_dt))
@@ -169,8 +154,9 @@ class Game:
     def start(self) -> None:
         """Start the episode again, as it was."""
         self.arm, self.mouse = self.arms[0], (0, 0)  # the arm under the mouse
+        self.aims = False
         self.target: Pair | None = None
-        self.aims, self.grip = False, NOTHING
+        self.grip: tuple[int, float] | None = None
         for arm in self.arms:
             arm.start(self.seed)
 
@@ -183,21 +169,19 @@ class Game:
         """Do what mouse and keys say; return False to end."""
         if event.type in (pygame.MOUSEBUTTONDOWN, pygame.MOUSEMOTION):
             self.mouse = event.pos
-            if not self.aims and self.grip == NOTHING:
+            if not self.aims and self.grip is None:
                 self.arm = self.arms[min(int(event.pos[0]) // SIZE, len(self.arms) - 1)]
         if event.type == pygame.MOUSEBUTTONDOWN and event.pos[1] < SIZE:
             self.grip = self.grasp()
-            self.aims = self.grip == NOTHING
+            self.aims = self.grip is None
         if event.type == pygame.MOUSEBUTTONUP:
-            self.aims, self.grip = False, NOTHING
+            self.aims, self.grip = False, None
         if self.aims:
             self.target = self.arm.angles(self.point())
-        if event.type == pygame.KEYDOWN:
-            self.press(event.unicode)
-        return event.type != pygame.QUIT and not (event.type == pygame.KEYDOWN and event.unicode in ("q", "\x1b"))
+        return self.press(event.unicode) if event.type == pygame.KEYDOWN else event.type != pygame.QUIT
 
-    def press(self, key: str) -> None:
-        """Do what a key says."""
+    def press(self, key: str) -> bool:
+        """Do what a key says; return False to end."""
         if key.isdecimal() and 0 < int(key) <= len(self.laws):
             self.arm.switch(int(key) - 1)
         if key == "r":
@@ -210,31 +194,32 @@ class Game:
         }
         for arm in self.arms if key in acts else ():
             acts[key](arm.hand)
+        return key not in ("q", "\x1b")
 
     def point(self) -> Array:
         """Return the place of the mouse, [2] m from the arm's base."""
         return picture.unproject((self.mouse[0] - self.arm.left, self.mouse[1]), self.arm.lengths, SIZE)
 
-    def grasp(self) -> tuple[int, float]:
-        """Return the link under the mouse and the share of its length there, or `NOTHING`."""
+    def grasp(self) -> tuple[int, float] | None:
+        """Return the link under the mouse and the share of its length there, if there is one."""
         joints, point = self.arm.joints(), self.point()
         for link in (1, 0):
             along = joints[link + 1] - joints[link]
             share = min(max(float((point - joints[link]) @ along / (along @ along)), 0.0), 1.0)
             if np.linalg.norm(point - joints[link] - share * along) < 0.06 * self.reach:
                 return link, share
-        return NOTHING
+        return None
 
-    def gripped(self) -> tuple[Array, Array]:
+    def gripped(self, link: int, share: float) -> tuple[Array, Array]:
         """Return the point that the mouse has gripped [2] m, and the push there [2] N m."""
-        (link, share), joints = self.grip, self.arm.joints()
+        joints = self.arm.joints()
         at = joints[link] + share * (joints[link + 1] - joints[link])
         force, levers = self.stiffness * (self.point() - at), at - joints[:2]
         return at, (levers[:, 0] * force[1] - levers[:, 1] * force[0]) * (1.0, link)
 
     def advance(self) -> None:
         """Let the time of a picture pass; the push is held."""
-        push = np.zeros(2) if self.grip == NOTHING else self.gripped()[1]
+        push = np.zeros(2) if self.grip is None else self.gripped(*self.grip)[1]
         for arm in self.arms:
             arm.advance(self.steps, self.target, push)
 
@@ -247,8 +232,8 @@ class Game:
             canvas.blit(pygame.surfarray.make_surface(picture.draw(shown, SIZE).swapaxes(0, 1)), (arm.left, 0))
             if arm.diverged:
                 picture.write(canvas, "diverged", (arm.left + PAD, 45), LINE, VERMILLION)
-        if self.grip != NOTHING:
-            x, y = picture.project(self.gripped()[0], self.arm.lengths, SIZE).tolist()
+        if self.grip is not None:
+            x, y = picture.project(self.gripped(*self.grip)[0], self.arm.lengths, SIZE).tolist()
             pygame.draw.line(canvas, VERMILLION, (self.arm.left + x, y), self.mouse, 3)
         for row, name in enumerate(("error [mrad]", "torque [N m]")):
             self.draw_strip(canvas, row, name)

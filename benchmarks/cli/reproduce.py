@@ -1,21 +1,12 @@
 """`fbl-gym reproduce`."""
 
 import argparse
-from pathlib import Path
 
 from rich.progress import Progress
 
-from benchmarks.cli.common import add_option
 from benchmarks.paper.claims import SHORT, load, measure_claim, save, select
-from benchmarks.report.terminal import Screen, table
+from benchmarks.report.terminal import Screen, show
 from benchmarks.text import say
-
-
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    add_option(parser, "--out", Path, Path("results/paper"), "DIR", "folder of the results")
-    only = "measure these of `fbl-gym list claims`; other claims in DIR stay. figure-4b means all of figure-4b-..."
-    parser.add_argument("--only", nargs="+", default=(), metavar="CLAIM", help=only)
-    parser.add_argument("--short", action="store_true", help="measure the first two cases of each claim")
 
 
 def run(arguments: argparse.Namespace) -> int:
@@ -35,6 +26,6 @@ def run(arguments: argparse.Namespace) -> int:
     header = ("figure", "claim", "paper", "measured in the first case", "at stated values", "at favourable open values")
     measured = [claims[name] for name in names]
     rows = [(c["figure"], c["claim"], c["paper"], c["cases"][0][2], c["at_stated"], c["at_best"]) for c in measured]
-    Screen().print(table("The paper's claims, measured", header, rows, "left"))
+    show("The paper's claims, measured", header, rows, "left")
     say(f"claims and plots: {arguments.out}")
     return 0

@@ -7,9 +7,8 @@ from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
-from rich.console import Console
 
-from benchmarks.report.terminal import table
+from benchmarks.report import terminal
 from benchmarks.run.rollout import reference_motion
 from benchmarks.studies.recommend import Likeness
 from benchmarks.text import say
@@ -25,11 +24,6 @@ SEEDS = range(32)
 """The seeds whose references the torque of the motion is taken from."""
 
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("scenario", metavar="S", help="a scenario's name or .toml file")
-    parser.add_argument("other", nargs="?", metavar="S", help="another one: print the options in which they differ")
-
-
 def run(arguments: argparse.Namespace) -> int:
     """Print the options of a scenario, or the differences of two, and what follows from them."""
     tasks = [scenarios.get(name) for name in (arguments.scenario, arguments.other) if name is not None]
@@ -39,7 +33,7 @@ def run(arguments: argparse.Namespace) -> int:
         rows = [[name, *(column.get(name, "–") for column in columns)] for name in names]
         if title == "option" and arguments.other:
             rows = [row for row in rows if len({*row[1:]}) > 1]
-        Console().print(table("", [title, *(task.name for task in tasks)], rows, justify="left"))
+        terminal.show("", [title, *(task.name for task in tasks)], rows, "left")
     for task in tasks:
         for doubt in doubts(task):
             say(f"{task.name}: {doubt}", sys.stderr)
@@ -52,24 +46,15 @@ def doubts(scenario: Scenario) -> Iterator[str]:
         share = _share(scenario, *reference_motion(scenario, SEEDS))
         if share[np.array(scenario.actuator.torque_limit) > 0].max(initial=0.0) > 100.0:
             yield f"its motion needs {_both(share, '%')} of actuator.torque_limit, which is in N m"
-    if scenario.joint is not None and (rate := modes(scenario)[0]) < SLOWEST:
-        yield f"its links vibrate at {rate:.3g} Hz; joint.stiffness is in N m/rad, joint.frequency in Hz"
+    if scenario.joint is not None:
+        stiffness, _ = scenario.joint.springs(scenario.arm, middle)
+        rate, _ = _modes(inertia_matrix(scenario.arm.lumped, (0.0, 0.0)), stiffness)
+        if rate < SLOWEST:
+            yield f"its links vibrate at {rate:.3g} Hz; joint.stiffness is in N m/rad, joint.frequency in Hz"
 
 
-def modes(scenario: Scenario) -> Array:
-    """Return the rates at which the stretched links vibrate while the motors are held, [2] Hz."""
-    stiffness, _ = scenario.joint.springs(scenario.arm, middle)  # type: ignore[union-attr]
-    return _vibrations(inertia_matrix(scenario.arm.lumped, (0.0, 0.0)), stiffness)
-
-
-def link_modes(scenario: Scenario) -> Array:
-    """Return the rates at which bending links vibrate while the joints are held, [2] Hz."""
-    rates = 2 * np.pi * np.array([middle(x) for x in scenario.link.frequency])  # type: ignore[union-attr]
-    stiffness, _ = scenario.link.springs(scenario.arm, rates)  # type: ignore[union-attr]
-    return _vibrations(straight_chain(scenario.arm, 0.0)[0][2:, 2:], stiffness)
-
-
-def _vibrations(inertia: Array, stiffness: Array) -> Array:
+def _modes(inertia: Array, stiffness: Array) -> Array:
+    """Return the rates at which two masses on springs vibrate, [2] Hz."""
     rates = np.linalg.eigvals(np.linalg.solve(inertia, np.diag(stiffness)))
     return np.sort(np.sqrt(rates.real)) / (2 * np.pi)
 
@@ -131,9 +116,11 @@ def follows(scenario: Scenario) -> dict[str, str]:
         stiffness, rates = joint.springs(arm, middle)
         facts["stiffness of the joints"] = _both(stiffness, "N m/rad")
         facts["frequency of each stretched joint alone, motor held"] = _both(rates, "Hz")
-        facts["modes of the stretched links, motors held"] = _both(modes(scenario), "Hz")
+        facts["modes of the stretched links, motors held"] = _both(_modes(stretched, stiffness), "Hz")
     if scenario.link is not None:
-        facts["modes of the links, joints held"] = _both(link_modes(scenario), "Hz")
+        chain = straight_chain(arm, 0.0)[0][2:, 2:]
+        stiffness, _ = scenario.link.springs(arm, 2 * np.pi * np.array([*map(middle, scenario.link.frequency)]))  # type: ignore[arg-type]
+        facts["modes of the links, joints held"] = _both(_modes(chain, stiffness), "Hz")
     if drive.torque_limit is not None:
         limit = np.array(drive.torque_limit)
         q, v, a = reference_motion(scenario, SEEDS)

@@ -1,126 +1,137 @@
 """The command `fbl-gym sweep`: the error over the values of options."""
 
 import argparse
-import functools
 import itertools
 import math
 import re
 import sys
-from pathlib import Path
+from collections.abc import Callable
+from typing import TypeAlias
 
 import numpy as np
 
-from benchmarks.cli import common
+from benchmarks.cli.arguments import count
+from benchmarks.cli.common import command_line, run_all
 from benchmarks.cli.list import options
 from benchmarks.report.columns import number
 from benchmarks.report.export import write_runs
 from benchmarks.report.latex import write_table
 from benchmarks.report.plot import QUANTILES, Panel, band, caption, plot_lines
-from benchmarks.report.terminal import Screen, table
+from benchmarks.report.terminal import show
 from benchmarks.run.expansion import with_option
 from benchmarks.run.metrics import counted_errors
 from benchmarks.run.suite import Suite
 from benchmarks.text import say
 from fbl_gym import scenarios
+from fbl_gym.model.arm import Array
+from fbl_gym.records.checks import Pair
+
+Value: TypeAlias = float | Pair
+"""A value of an option: of both joints, or one for each."""
 
 MOST_CELLS = 100_000
 """Most cells of a sweep."""
 
 
-def over(text: str) -> tuple[str, str, list[float], bool]:
+def over(text: str) -> tuple[str, str, list[Value], bool]:
     """Return an option's path, the scale of its axis, its values, and True if they are factors."""
     path, _, values = text.partition("=")
     factors, values = values.startswith("x"), values.removeprefix("x")
     try:
         if ":" in values:
             low, high, scale, number = values.split(":")
-            ends = float(low), float(high), common.count(number, 10_000)
-            points = {"log": lambda: np.geomspace(*ends), "lin": lambda: np.linspace(*ends)}[scale]().tolist()
+            ends = float(low), float(high), count(number, 10_000)
+            spaces: dict[str, Callable[..., Array]] = {"log": np.geomspace, "lin": np.linspace}
+            points = [*map(_value, spaces[scale](*ends))]
         else:
-            scale, points = "lin", [float(value) for value in values.split(",")]
+            scale, points = "lin", [_value(*([x] if factors else x.split("/"))) for x in values.split(",")]
     except (ValueError, KeyError):
         raise argparse.ArgumentTypeError(
-            "must be such as noise.position=1e-4:1e-2:log:9, actuator.delay=0:0.03:lin:4, arm.m2=2,4,6 or "
-            f"friction.coulomb=x0.5:2:log:5, got {text!r}"
+            "must be such as noise.position=1e-4:1e-2:log:9, actuator.delay=0:0.03:lin:4, arm.m2=2,4,6, "
+            f"friction.coulomb=1/2,3/4 for the two joints or friction.coulomb=x0.5:2:log:5, got {text!r}"
         ) from None
-    points = [float(f"{point:.6g}") for point in points]
     if len(set(points)) < len(points):
         raise argparse.ArgumentTypeError(f"must have values that differ in their first six digits, got {text!r}")
     return path, scale.replace("lin", "linear"), points, factors
 
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    common.add(parser, "policies")
-    values = "an option from `fbl-gym list options` and its values: LOW:HIGH:log:N, LOW:HIGH:lin:N, or A,B,C; "
-    values += (
-        "after an x, factors on the scenario's own, of both joints; given more than once, all combinations of values"
-    )
-    parser.add_argument("--over", type=over, action="append", required=True, metavar="OPTION=VALUES", help=values)
-    common.add(parser, "--scenario")
-    common.add_file(parser, "--csv", "write all metrics of all runs, by default to results/sweep.csv", ".csv")
-    parser.set_defaults(csv=Path("results/sweep.csv"))
-    common.add_plot(parser, "the errors (a .png beside --csv)")
-    common.add_tex(parser)
-    common.add_option(parser, "--seeds", common.episodes, 32, "N", "test seeds 0 to N-1")
-    common.add(parser, *common.RUN)
+def _value(first: float | str, *second: float | str) -> Value:
+    """Return a value with six digits, of both joints or one for each."""
+    numbers = [float(f"{float(x):.6g}") for x in (first, *second)]
+    if len(numbers) > 2:
+        raise ValueError
+    return (numbers[0], numbers[1]) if second else numbers[0]
+
+
+def _text(value: Value) -> str:
+    return "/".join(np.format_float_positional(x, trim="-") for x in np.ravel(value))
 
 
 def run(arguments: argparse.Namespace) -> int:
     """Measure each policy at each value, and write all runs and a figure."""
-    common.trust(arguments)
     names, scales, values, factors = zip(*arguments.over, strict=True)
     if any(f"{one}.".startswith(f"{other}.") for one, other in itertools.permutations(names, 2)):
         raise ValueError(f"--over must name options that are no part of each other, got {' '.join(names)}")
     if (size := math.prod(map(len, values)) * len(arguments.policies)) > MOST_CELLS:
         raise ValueError(f"--over must give at most {MOST_CELLS} cells, policies times values, got {size}")
-    base, points = scenarios.get(arguments.scenario), list(itertools.product(*values))
-    options_of = (zip(names, point, factors, strict=True) for point in points)
-    tasks = tuple(
-        functools.reduce(lambda task, each: with_option(task, *each[:2], factor=each[2]), changes, base)
-        for changes in options_of
-    )
-    cells = Suite("sweep", tuple(arguments.policies), tasks, arguments.seeds).cells
-    results = common.results_by_id(cells, arguments)
-    curves: dict[str, list[list[float]]] = {}
-    lost: dict[str, list[int]] = {}
+    base, points, tasks = scenarios.get(arguments.scenario), list(itertools.product(*values)), []
+    for point in points:
+        task = base
+        for name, value, factor in zip(names, point, factors, strict=True):
+            task = with_option(task, name, value, factor=factor)
+        tasks.append(task)
+    cells = Suite("sweep", tuple(arguments.policies), tuple(tasks), arguments.seeds).cells
+    results = run_all(cells, arguments)
+    curves: dict[tuple[str, ...], list[list[float]]] = {}  # by policy and values of the other options
+    columns: dict[tuple[str, ...], list[str]] = {}
     runs = []
     for i, cell in enumerate(cells):
         point, result = points[i // (len(cells) // len(points))], results[cell.id]
         if result.error:
             say(f"fbl-gym: {cell.id} failed: {result.error}", sys.stderr)
-        runs.append(((cell.policy.name, *point), cell.seeds, result.rows))
-        others = (f"{option} {value:g}" for option, value in zip(names[1:], point[1:], strict=True))
-        name = ", ".join([cell.policy.name, *others])
-        curves.setdefault(name, []).append(counted_errors(result.rows) or [np.nan] * len(cell.seeds))
-        lost.setdefault(name, []).append(sum(row["diverged"] > 0 for row in result.rows))
+        texts, errors = [*map(_text, point)], counted_errors(result.rows) or [np.nan] * len(cell.seeds)
+        written = (x if isinstance(x, float) else text for x, text in zip(point, texts, strict=True))
+        runs.append(((cell.policy.name, *written), cell.seeds, result.rows))
+        (low, mid, high), lost = np.quantile(errors, QUANTILES), sum(row["diverged"] > 0 for row in result.rows)
+        key = cell.policy.name, *texts[1:]
+        curves.setdefault(key, []).append(errors)
+        columns.setdefault(key, []).append(
+            f"{number(mid)} ({number(low)}–{number(high)})" + f", {lost} lost" * (lost > 0)
+        )
     write_runs(arguments.csv, ("policy", *names), runs)
+    first, *others = (_label(name, factor) for name, factor in zip(names, factors, strict=True))
+    titles = {key: ", ".join([key[0], *map(" ".join, zip(names[1:], key[1:], strict=True))]) for key in curves}
+    ticks = [_text(value) for value in values[0]]
+    x = np.array(values[0] if all(isinstance(value, float) for value in values[0]) else ticks)
     path = arguments.plot or arguments.csv.with_suffix(".png")
-    unit = _unit(names[0])
-    label = f"factor on {names[0]}" if factors[0] else f"{names[0]} [{unit}]" if unit else names[0]
-    lines = tuple(band(np.array(values[0]), np.array(errors), name) for name, errors in curves.items())
-    panel = Panel("", label, "error [%]", lines, (scales[0], "log"))
+    lines = tuple(band(x, np.array(errors), titles[key]) for key, errors in curves.items())
+    panel = Panel("", first, "error [%]", lines, (scales[0], "log"))
     plot_lines(f"Error on {arguments.scenario}, {arguments.seeds} seeds", [panel], path, arguments.width)
-    columns = [[np.format_float_positional(value, trim="-") for value in values[0]]]
-    for name, curve in curves.items():
-        bands = zip(*np.quantile(curve, QUANTILES, axis=-1), lost[name], strict=True)
-        texts = ((f"{number(mid)} ({number(low)}–{number(high)})", n) for low, mid, high, n in bands)
-        columns.append([text + f", {n} lost" * (n > 0) for text, n in texts])
-    header, rows = (label, *curves), list(zip(*columns, strict=True))
     meaning = f"median error in % (10 to 90 % of {arguments.seeds} seeds), and the number of diverged runs"
-    Screen().print(table(meaning, header, rows))
+    show(meaning, (first, *titles.values()), zip(ticks, *columns.values(), strict=True))
     if arguments.tex is not None:
-        write_table(arguments.tex, header, rows, common.command_line(), meaning)
+        groups: list[tuple[str, int]] = []
+        if len(names) == 2:  # a grid for each policy: its columns are the values of the second option
+            policies = list(dict.fromkeys(policy for policy, _ in columns))
+            groups = [("", 1), *((f"{policy}, {others[0]}", len(columns) // len(policies)) for policy in policies)]
+            titles = {key: key[1] for key in sorted(columns, key=lambda key: policies.index(key[0]))}
+        rows = zip(ticks, *(columns[key] for key in titles), strict=True)
+        write_table(arguments.tex, (first, *titles.values()), rows, command_line(), meaning, groups)
         say(f"table: {arguments.tex}")
     say(f"runs: {arguments.csv}\nfigure: {path}, {caption(arguments.seeds)}")
     return int(any(result.error for result in results.values()))
 
 
-def _unit(path: str) -> str:
-    """Return the unit of an option's number; the errors of a sensor have the sensor's."""
-    known = {option.path: option for option in options()}
-    if path in known and (field := re.search(r"or its (\w+)", known[path].form)):
-        path += f".{field[1]}"
-    sensor, _, name = path.rpartition(".")
+def _label(path: str, factor: bool) -> str:
+    """Return an option with the unit of its number; the errors of a sensor have the sensor's."""
+    if factor:
+        return f"factor on {path}"
+    known, field = {option.path: option for option in options()}, path
+    if path in known and (part := re.search(r"or its (\w+)", known[path].form)):
+        field += f".{part[1]}"
+    sensor, _, name = field.rpartition(".")
     if name in ("sigma", "bias", "quantization"):
-        return "".join(re.findall(r"\[(.+)\]", known[sensor].meaning))
-    return known[path].unit if path in known else ""
+        unit = "".join(re.findall(r"\[(.+)\]", known[sensor].meaning))
+    else:
+        unit = known[field].unit if field in known else ""
+    return f"{path} [{unit}]" if unit else path

@@ -6,45 +6,14 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from benchmarks.agents.adapter import ACTIONS, AdapterSettings
-from benchmarks.cli.common import add_option, command_line
+from benchmarks.agents.adapter import AdapterSettings
+from benchmarks.cli.common import command_line
 from benchmarks.text import reason_of, say
-from benchmarks.training.training_settings import ALGORITHMS, TrainingSettings
+from benchmarks.training.training_settings import TrainingSettings
 from fbl_gym import scenarios
 from fbl_gym.options import SENSORS
 from fbl_gym.reading import read_text
 from fbl_gym.records.record import declarations
-
-
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Declare the command's arguments."""
-    add = parser.add_argument
-    add("algorithm", choices=ALGORITHMS, help="ppo, or one of stable-baselines3 or sb3-contrib")
-    add("--interface", choices=ACTIONS, default="torque", help="meaning of the agent's action (torque)")
-    add_option(parser, "--history", int, 0, "N", "number of earlier steps that the agent observes")
-    add("--reach", type=float, default=0.0, metavar="S", help="age of the oldest of these steps [s] (as many steps)")
-    add("--base", metavar="LAW", help="law under a residual or blend (computed-torque at 15 rad/s)")
-    add("--second", metavar="LAW", help="other law of a blend, which needs one")
-    add("--drive", action="store_true", help="observe the drive's stated delay and lag, and the class of robots")
-    add("--arm", action="store_true", help="observe what the datasheet states of arm, springs and sensors")
-    add("--period", type=float, default=0.0, metavar="S", help="time between two decisions [s] (each step)")
-    add("--sensors", nargs="+", choices=SENSORS, help="sensors that the agent observes (those of all scenarios)")
-    add("--scales", nargs=3, type=float, metavar=("RAD", "RAD/S", "RAD/S^2"), help="scales of the errors (0.1 1 10)")
-    fine = "observe asinh(e / s) of an error e, with these s (e)"
-    add("--fine", nargs=2, type=float, metavar=("RAD", "RAD/S"), help=fine)
-    add("--integral", type=float, default=0.0, metavar="S", help="observe the mean error over this time [s] (none)")
-    add("--memory", type=float, default=0.0, metavar="S", help="observe mean squares over this time [s] (none)")
-    add("--preview", type=float, default=0.0, metavar="S", help="observe the reference so far ahead [s] (not at all)")
-    tasks = "to train and validate on: scenarios, .toml files, or tiers such as servo-practice (everything-2)"
-    add("--scenario", nargs="+", default=["everything-2"], metavar="S", help=tasks)
-    add("--severity", nargs="+", type=int, default=[3], metavar="N", help="of a tier, beside its nominal scenario (3)")
-    add("--moves", action="store_true", help="train also on a slow motion, and on moves with rests")
-    add_option(parser, "--seed", int, 0, "K", "training seed")
-    length = parser.add_mutually_exclusive_group()
-    length.add_argument("--steps", type=int, metavar="N", help="steps of all arms together (from the hyperparameters)")
-    length.add_argument("--minutes", type=float, metavar="M", help="processor time instead of steps")
-    add("--hyperparameters", type=Path, metavar="FILE", help="JSON file, instead of the shipped hyperparameters")
-    add("--out", type=Path, metavar="DIR", help="folder of the run (runs/ALGORITHM-INTERFACE-SEED)")
 
 
 def run(arguments: argparse.Namespace) -> int:

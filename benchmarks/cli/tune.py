@@ -3,11 +3,10 @@
 import argparse
 from collections.abc import Sequence
 from functools import partial
-from pathlib import Path
 
 import numpy as np
 
-from benchmarks.cli.common import add, add_margins, add_option, command_line, count, refuse_judged
+from benchmarks.cli.common import command_line
 from benchmarks.policies.isolation import Failed, run_parallel
 from benchmarks.policies.spec import resolve
 from benchmarks.run.expansion import distinguish, expand
@@ -15,29 +14,7 @@ from benchmarks.text import say
 from benchmarks.tuning import search
 from benchmarks.tuning.search import Task
 from controllers import name as naming
-from fbl_gym import Scenario
-from fbl_gym.scenarios.classes import CLASSES
-
-
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    add(parser, "policies")
-    add_option(parser, "--trials", count, 10, "N", "trials for each gain, those of earlier runs counted")
-    add_option(parser, "--seeds", count, 16, "N", "tuning seeds of each scenario")
-    add_option(parser, "--candidates", count, 10, "N", "number of best trials to judge once more")
-    add_option(parser, "--fresh-seeds", count, 128, "N", "tuning seeds to judge on, of each scenario")
-    tasks = "scenarios of trials and judging: names, families, .toml files (the class's practice)"
-    parser.add_argument("--scenarios", nargs="+", action="extend", metavar="S", help=tasks)
-    practice = "tune on the practice of a class (servo)"
-    parser.add_argument("--class", dest="robot", choices=tuple(CLASSES), default="servo", help=practice)
-    add_margins(parser, "phase margin below which gains pay", "delay margin below which gains pay")
-    shared = "database of the studies, as for Optuna, which processes and machines may share"
-    add_option(parser, "--storage", str, search.STORAGE, "URL", shared)
-    add(parser, "--workers", default=1, help="processes, a policy each (1)")
-    target = parser.add_mutually_exclusive_group()
-    out = "folder for the gains, which POLICY@DIR then names (results/gains)"
-    target.add_argument("--out", type=Path, default=Path("results/gains"), metavar="DIR", help=out)
-    ship = "write the gains of built-in policies into controllers/tuned/CLASS, for POLICY@tuned and POLICY@CLASS"
-    target.add_argument("--ship", action="store_true", help=ship)
+from fbl_gym import Scenario, scenarios
 
 
 def run(arguments: argparse.Namespace) -> int:
@@ -61,10 +38,11 @@ def run(arguments: argparse.Namespace) -> int:
 
 
 def _scenarios(arguments: argparse.Namespace, usual: Sequence[str]) -> tuple[Scenario, ...]:
-    """Return the scenarios that the arguments name, or the usual ones."""
+    """Return the scenarios that the arguments name, or the usual ones; refuse those of judging."""
     tasks = distinguish(expand(arguments.scenarios or usual))
     for task in tasks:
-        refuse_judged(task)
+        if reason := scenarios.held_out_reason(task):
+            raise ValueError(f"{task.name} is for judging alone: {reason}; change that, or use the tier practice")
     return tasks
 
 

@@ -6,7 +6,6 @@ from pathlib import Path
 
 import numpy as np
 
-from benchmarks.cli.common import add
 from benchmarks.policies.spec import resolve
 from benchmarks.run.contract import broken
 from benchmarks.run.metrics import METRICS
@@ -14,11 +13,6 @@ from benchmarks.run.runner import run_cell
 from benchmarks.run.store import Result, Store, provenance
 from benchmarks.text import say
 from fbl_gym.records.checks import unknown
-
-
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("rows", nargs="+", metavar="ROW", help="a policy/scenario of the store, or a file of a result")
-    add(parser, "--trust", "--store")
 
 
 def run(arguments: argparse.Namespace) -> int:
@@ -53,9 +47,9 @@ def compare(published: Result, now: Result) -> str:
         return ""
     gap = np.where(np.isnan(before) & np.isnan(after), 0.0, np.abs(before - after))
     worst = np.nan_to_num(gap, nan=np.inf).max(axis=0)  # infinite where the metric applies to one of the two only
-    text = f"DIFFERS: {[*METRICS][int(worst.argmax())]} by up to {worst.max():.3g}"
+    texts = [f"DIFFERS: {[*METRICS][int(worst.argmax())]} by up to {worst.max():.3g}"]
     if published.cell.key != now.cell.key:
-        text += "; the code or the gains of the policy changed since"
+        texts.append("the code or the gains of the policy changed since")
     old, new = published.provenance.get("packages", {}), provenance("", published.cell.packages)["packages"]
     changed = [f"{package} {old.get(package)} -> {new[package]}" for package in new if old.get(package) != new[package]]
-    return "; ".join([text, *([", ".join(changed)] if changed else [])])
+    return "; ".join([*texts, *([", ".join(changed)] if changed else [])])

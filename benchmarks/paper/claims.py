@@ -75,12 +75,10 @@ def judge(cases: Sequence[Sequence[str]]) -> tuple[str, str]:
     At stated values, a claim is reproduced if it holds in all stated cases; at the most favourable
     open values, if it holds in any stated or open case.
     """
-    stated = [holds for kind, *_, holds in cases if kind == STATED]
-    claimed = [holds for kind, *_, holds in cases if kind != CONTROL]
-    verdicts = ("no" not in stated, stated), ("yes" in claimed, claimed)
-    at_stated, at_best = (
-        f"{'' if held else 'not '}reproduced, {each.count('yes')} of {len(each)}" for held, each in verdicts
-    )
+    stated = [case[-1] == "yes" for case in cases if case[0] == STATED]
+    claimed = [case[-1] == "yes" for case in cases if case[0] != CONTROL]
+    verdicts = (all(stated), stated), (any(claimed), claimed)
+    at_stated, at_best = (f"{'' if held else 'not '}reproduced, {sum(each)} of {len(each)}" for held, each in verdicts)
     return at_stated, at_best
 
 

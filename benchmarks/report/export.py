@@ -39,8 +39,12 @@ def _cell(value: Any) -> Any:
 
 def write_csv(path: Path, results: Sequence[Result]) -> None:
     """Write all runs of some results as CSV."""
-    runs = []
-    for cell, rows in ((result.cell, result.rows) for result in results):
-        values = cell.policy.name, cell.scenario.name, f"{cell.scenario.control_dt:.7g}"
-        runs.append((values, cell.seeds, rows))
+    runs = (
+        (
+            (run.cell.policy.name, run.cell.scenario.name, f"{run.cell.scenario.control_dt:.7g}"),
+            run.cell.seeds,
+            run.rows,
+        )
+        for run in results
+    )
     write_runs(path, ("policy", "scenario", "control_dt"), runs)

@@ -21,8 +21,9 @@ def escape(text: str) -> str:
 
 
 def write_table(
-    path: Path, header: Sequence[str], rows: Iterable[Sequence[str]], command: str, meaning: str = ""
-) -> None:
+    path: Path, header: Sequence[str], rows: Iterable[Sequence[str]], command: str, meaning: str = "",
+    groups: Sequence[tuple[str, int]] = (),
+) -> None:  # fmt: skip
     """Write a table to a file; columns of numbers are aligned to the right.
 
     Args:
@@ -31,14 +32,19 @@ def write_table(
         rows: texts, one for each column.
         command: which made the table, as a comment.
         meaning: of a cell, as another comment.
+        groups: title and number of columns of each group of columns; empty: there are none.
     """
     rows = list(rows)
     numbers = (sum(bool(re.match(r"[-(]?\d", row[i])) for row in rows) for i in range(len(header)))
     columns = "".join("r" if 2 * count > len(rows) else "l" for count in numbers)
     lines = [" & ".join(map(escape, row)) + r" \\" for row in (header, *rows)]
-    table = [rf"\begin{{tabular}}{{{columns}}}", r"\toprule", lines[0], r"\midrule", *lines[1:], r"\bottomrule"]
+    if groups:
+        titles = (rf"\multicolumn{{{count}}}{{c}}{{{escape(title)}}}" for title, count in groups)
+        lines.insert(0, " & ".join(titles) + r" \\")
+    lines.insert(len(lines) - len(rows), r"\midrule")
     head = f"% {' '.join(command.split())}\n% \\usepackage{{booktabs}}\n" + f"% {meaning}\n" * bool(meaning)
-    write_text(path, head + "\n".join([*table, r"\end{tabular}", ""]))
+    table = [rf"\begin{{tabular}}{{{columns}}}", r"\toprule", *lines, r"\bottomrule", r"\end{tabular}", ""]
+    write_text(path, head + "\n".join(table))
 
 
 def write_board(path: Path, board: Board, command: str) -> None:

@@ -139,7 +139,8 @@ def _draw(axes: Any, panel: Panel) -> None:
     for height, label in panel.marks:
         axes.axhline(height, color="0.4", linestyle="--", linewidth=0.8)
         axes.annotate(label, (1.0, height), xycoords=("axes fraction", "data"), ha="right", va="bottom")
-    axes.set(title=panel.title, ylabel=panel.y, xscale=panel.scales[0], yscale=panel.scales[1])
+    axes.set(title=panel.title, ylabel=panel.y)
+    axes.set(**{f"{x}scale": "log" for x, scale in zip("xy", panel.scales, strict=True) if scale == "log"})
     if panel.bounds is not None:
         axes.set_ylim(panel.bounds)
     for axis, scale in zip((axes.xaxis, axes.yaxis), panel.scales, strict=True):
@@ -190,23 +191,19 @@ def plot_trace(trace: Trace, title: str, path: Path, width: int | None = None) -
     of the first seed if the seeds have different references.
     """
     same = np.ptp(trace.reference, axis=1).max() < 1e-9
-    angle = trace.position if same else trace.position[:, :1]
     signals = {
-        "angle [rad]": angle,
+        "angle [rad]": trace.position if same else trace.position[:, :1],
         "error [mrad]": 1e3 * (trace.reference - trace.position),
         "torque [N m]": trace.torque,
-        "disturbance [N m]": trace.disturbance,
     }
-    if not trace.disturbance.any():
-        del signals["disturbance [N m]"]
+    if trace.disturbance.any():
+        signals["disturbance [N m]"] = trace.disturbance
     panels = []
     for label, signal in signals.items():
         known = np.where(trace.alive[:, : signal.shape[1], None], signal, np.nan)
-        lines = [band(trace.time, known[..., joint], f"joint {joint + 1}") for joint in (0, 1)]
-        if signal is angle:
-            lines += [
-                Line(trace.time, trace.reference[:, 0, j], "_" if j else "reference", "black", ":") for j in (0, 1)
-            ]
+        lines = [band(trace.time, known[..., j], f"joint {j + 1}") for j in (0, 1)]
+        for j in (0, 1) if label == "angle [rad]" else ():
+            lines.append(Line(trace.time, trace.reference[:, 0, j], "_" if j else "reference", "black", ":"))
         panels.append(Panel("", "time [s]", label, tuple(lines)))
     plot_lines(title, panels, path, width, across=1)
 
@@ -224,23 +221,24 @@ def plot_comparison(traces: Mapping[str, Trace], title: str, path: Path, width: 
     sizes = np.diff([*starts, len(first.time)])
     time = np.add.reduceat(first.time, starts) / sizes
     label, scale = ("error [mrad]", "linear") if single else ("mean |error| [mrad]", "log")
-    lines: tuple[list[Line], list[Line]] = [], []
-    for policy, trace in traces.items():
-        signed = np.where(trace.alive[..., None], trace.reference - trace.position, np.nan)
-        means = np.add.reduceat(1e3 * (signed if single else errors(trace)), starts) / sizes[:, None, None]
-        for joint in (0, 1):
-            lines[joint].append(band(time, means[..., joint], policy))
-    panels = [Panel(f"joint {j + 1}", "time [s]", label, tuple(lines[j]), ("linear", scale)) for j in (0, 1)]
+    panels = []
+    for j in (0, 1):
+        lines = []
+        for policy, trace in traces.items():
+            signed = np.where(trace.alive[..., None], trace.reference - trace.position, np.nan)
+            error = 1e3 * (signed if single else errors(trace))[..., j]
+            lines.append(band(time, np.add.reduceat(error, starts) / sizes[:, None], policy))
+        panels.append(Panel(f"joint {j + 1}", "time [s]", label, tuple(lines), ("linear", scale)))
     here = "" if single else f", seed {first.seeds[0]}"
     for name, signal in (("position", "angle [rad]"), ("torque", "torque [N m]")):
         for j in (0, 1):
-            own = [
-                Line(first.time, np.where(trace.alive, getattr(trace, name)[..., j], np.nan)[:, 0], policy)
-                for policy, trace in traces.items()
-            ]
+            lines = []
+            for policy, trace in traces.items():
+                known = np.where(trace.alive[:, 0], getattr(trace, name)[:, 0, j], np.nan)
+                lines.append(Line(first.time, known, policy))
             if name == "position":
-                own.append(Line(first.time, first.reference[:, 0, j], "_", "black", ":"))
-            panels.append(Panel("", "time [s]", signal + here, tuple(own)))
+                lines.append(Line(first.time, first.reference[:, 0, j], "_", "black", ":"))
+            panels.append(Panel("", "time [s]", signal + here, tuple(lines)))
     plot_lines(title, panels, path, width, across=2)
 
 

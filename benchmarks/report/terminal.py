@@ -40,10 +40,6 @@ class Screen(Console):
         for segment in super().render(*arguments, **options):
             yield segment if segment.control else segment._replace(text=visible(segment.text))
 
-    def say(self, text: str) -> None:
-        """Print text that has no markup, in lines of any length."""
-        self.print(text, markup=False, highlight=False, soft_wrap=True)
-
 
 def table(title: str, header: Sequence[str], rows: Iterable[Sequence[str | Text]], justify: Justify = "right") -> Drawn:
     """Return a table whose columns after the first are aligned by `justify`; no text is cut."""
@@ -53,6 +49,11 @@ def table(title: str, header: Sequence[str], rows: Iterable[Sequence[str | Text]
     for row in rows:
         drawn.add_row(*(escape(cell) if isinstance(cell, str) else cell for cell in row))
     return drawn
+
+
+def show(title: str, header: Sequence[str], rows: Iterable[Sequence[str]], justify: Justify = "right") -> None:
+    """Print a `table` of texts."""
+    Screen().print(table(title, header, rows, justify))
 
 
 @dataclass(frozen=True)

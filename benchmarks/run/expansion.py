@@ -6,6 +6,8 @@ from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from benchmarks.agents.policy import best_seed, shipped
 from benchmarks.policies.isolation import CallLimits
 from benchmarks.policies.key import data_digest
@@ -15,7 +17,7 @@ from benchmarks.text import reason_of
 from controllers.name import PolicyName
 from fbl_gym import Scenario, scenarios
 from fbl_gym.reading import read_bytes
-from fbl_gym.records.checks import unknown
+from fbl_gym.records.checks import Pair, unknown
 from fbl_gym.records.record import merged, naming
 from fbl_gym.scenarios import as_scenario
 from fbl_gym.scenarios.files import split as split_file
@@ -109,20 +111,22 @@ def _scaled(option: str, value: Any, factor: float) -> Any:
     return factor * value
 
 
-def with_option(scenario: Scenario, option: str, value: float, *, factor: bool = False) -> Scenario:
+def with_option(scenario: Scenario, option: str, value: float | Pair, *, factor: bool = False) -> Scenario:
     """Return the scenario with another value of an option, which becomes part of its name.
 
-    `option` is its path, such as "noise.position", as `fbl-gym list options` prints it. As a
-    factor, the value multiplies that of the scenario: of both joints, and of a distribution's ends.
+    `option` is its path, such as "noise.position", as `fbl-gym list options` prints it. A pair has
+    the values of the two joints. As a factor, a number multiplies the scenario's value: of both
+    joints, and of a distribution's ends.
     """
     changes: Any = value
     if factor:
         given: Any = scenario.to_dict()
         for part in option.split("."):
             given = given.get(part) if isinstance(given, Mapping) else None
-        changes = _scaled(option, given, value)
+        changes = _scaled(option, given, value)  # type: ignore[arg-type]
     for part in reversed(option.split(".")):
         changes = {part: changes}
-    name = f"{scenario.name},{option}={'x' if factor else ''}{value:g}"
+    text = "/".join(f"{x:g}" for x in np.ravel(value))
+    name = f"{scenario.name},{option}={'x' if factor else ''}{text}"
     with naming(changes):
         return Scenario.from_dict({**merged(scenario.to_dict(), changes), "name": name})

@@ -35,42 +35,35 @@ _ACROBOT, _ACROBOTS = "Acrobot-v1", "SyncVectorEnv(Acrobot-v1), 256"
 def _contestants() -> dict[str, tuple[Contestant, str]]:
     """Return each contestant and the name of its peer, by name."""
     contestants: dict[str, tuple[Contestant, str]] = {
-        _ACROBOT: (single(gym.make(_ACROBOT), 1), ""),
-        "TwoLinkArm-v0": (single(gym.make(_ARM), np.zeros(2)), _ACROBOT),
-        "TwoLinkArm-v0, busy": (single(gym.make(_ARM, **BUSY), np.zeros(2)), _ACROBOT),
-        "TwoLinkArmTracking-v0": (single(gym.make(_ARM.replace("Arm-", "ArmTracking-")), np.zeros(2)), _ACROBOT),
-        "TwoLinkArm-v0, unwrapped": (single(gym.make(_ARM).unwrapped, np.zeros(2)), _ACROBOT),
-        _ACROBOTS: (batch(gym.make_vec(_ACROBOT, 256, "sync"), np.ones(256, dtype=int)), ""),
+        _ACROBOT: (contestant(gym.make(_ACROBOT), 1), ""),
+        "TwoLinkArm-v0": (contestant(gym.make(_ARM), np.zeros(2)), _ACROBOT),
+        "TwoLinkArm-v0, busy": (contestant(gym.make(_ARM, **BUSY), np.zeros(2)), _ACROBOT),
+        "TwoLinkArmTracking-v0": (contestant(gym.make(_ARM.replace("Arm-", "ArmTracking-")), np.zeros(2)), _ACROBOT),
+        "TwoLinkArm-v0, unwrapped": (contestant(gym.make(_ARM).unwrapped, np.zeros(2)), _ACROBOT),
+        _ACROBOTS: (contestant(gym.make_vec(_ACROBOT, 256, "sync"), np.ones(256, dtype=int)), ""),
     }
     kinds: dict[str, Any] = {"": {}, ", busy": BUSY, ", servo-elastic-2": {"scenario": "servo-elastic-2"}}
     for lanes, threads in ((16, 1), (256, 1), (4096, 1), (4096, cores())):
         for kind, options in kinds.items():
             env = gym.make_vec(_ARM, lanes, vectorization_mode="vector_entry_point", threads=threads, **options)
             name = f"TwoLinkArm-v0 batch, {lanes}{kind}{f', {threads} threads' if threads > 1 else ''}"
-            contestants[name] = (batch(env, np.zeros((lanes, 2))), _ACROBOTS)
+            contestants[name] = (contestant(env, np.zeros((lanes, 2))), _ACROBOTS)
     return contestants
 
 
-def single(env: gym.Env, action: object) -> Contestant:
-    """Return a contestant: a single environment with one action, reset at an episode's end."""
+def contestant(env: Any, action: Any) -> Contestant:
+    """Return a contestant: an environment, or a batch, with the same action at every step.
+
+    A single environment is reset at an episode's end.
+    """
     env.reset(seed=0)
+    lanes = getattr(env, "num_envs", 1)
 
     def step() -> int:
         _, _, terminated, truncated, _ = env.step(action)
-        if terminated or truncated:
+        if lanes == 1 and (terminated or truncated):
             env.reset()
-        return 1
-
-    return step
-
-
-def batch(env: gym.vector.VectorEnv, actions: np.ndarray) -> Contestant:
-    """Return a contestant: a batched environment with the same actions at every step."""
-    env.reset(seed=0)
-
-    def step() -> int:
-        env.step(actions)
-        return env.num_envs
+        return lanes
 
     return step
 

@@ -25,7 +25,6 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from dataclasses import dataclass
 from functools import cached_property
 from typing import Any, ClassVar, TypeAlias
 
@@ -33,7 +32,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from fbl_gym.records.checks import Pair
-from fbl_gym.records.record import Option, Record, number, pair
+from fbl_gym.records.record import Option, number, pair
 
 Array: TypeAlias = NDArray[np.float64]
 
@@ -43,8 +42,7 @@ LEAST_INERTIA = 1e-12
 """Least determinant of M, as a share of M11 M22. Below it, rounding decides how the arm moves."""
 
 
-@dataclass(frozen=True)
-class Links(Record):
+class Links(Option):
     """Two links as data sheets describe them, each number in its unit.
 
     Args:
@@ -73,7 +71,6 @@ class Links(Record):
         return ArmParameters(m1, m2, L1, L2, self.gravity, centre, inertia, self.rotor)  # type: ignore[arg-type]
 
 
-@dataclass(frozen=True)
 class ArmParameters(Option):
     """Two links in a vertical plane, or in a horizontal one with gravity=0.
 
@@ -251,12 +248,8 @@ def _lumped(arm: ArmParameters | ArrayLike) -> tuple[Any, ...]:
     """Return the lumped parameters p1 to p5, and the rotor inertias."""
     if isinstance(arm, ArmParameters):
         return arm._numbers
-    p = np.asarray(arm, dtype=float)
-    r1, r2 = (p[..., 5], p[..., 6]) if p.shape[-1] == 7 else (_ZERO, _ZERO)
-    return p[..., 0], p[..., 1], p[..., 2], p[..., 3], p[..., 4], r1, r2
-
-
-_ZERO = np.zeros(())
+    p = np.moveaxis(np.asarray(arm, dtype=float), -1, 0)
+    return tuple(p) if len(p) == 7 else (*p, np.zeros(()), np.zeros(()))
 
 
 def _joints(x: ArrayLike) -> tuple[Array, Array]:
@@ -273,9 +266,9 @@ def _stack(*parts: Any) -> Array:
 
 
 def _matrix(*entries: Any) -> Array:
-    """Return the matrices [... x 2 x 2] of their four entries."""
+    """Return the matrices [... x 2 x n] of their entries, row by row."""
     stacked = _stack(*entries)
-    return stacked.reshape(*stacked.shape[:-1], 2, 2)
+    return stacked.reshape(*stacked.shape[:-1], 2, -1)
 
 
 def inertia_matrix(arm: ArmParameters | ArrayLike, q: ArrayLike) -> Array:
@@ -342,14 +335,11 @@ def regressor(q: ArrayLike, v: ArrayLike, a: ArrayLike) -> Array:
     Rotors add their inertia times a. These are the columns of the paper's K (33) without
     repetition: its seven unknowns are five, and p4 and p5 include gravity.
     """
-    q1, q2 = _joints(q)
-    v1, v2 = _joints(v)
-    a1, a2 = _joints(a)
+    (q1, q2), (v1, v2), (a1, a2) = map(_joints, (q, v, a))
     c2, s2, c12 = np.cos(q2), np.sin(q2), np.cos(q1 + q2)
     first = (a1, a1 + a2, (2.0 * a1 + a2) * c2 - v2 * (2.0 * v1 + v2) * s2, np.cos(q1), c12)
     second = (0.0, a1 + a2, a1 * c2 + v1 * v1 * s2, 0.0, c12)
-    both = _stack(*first, *second)
-    return both.reshape(*both.shape[:-1], 2, 5)
+    return _matrix(*first, *second)
 
 
 def joint_positions(arm: ArmParameters, q: ArrayLike) -> Array:

@@ -126,14 +126,6 @@ class RobotFile(NamedTuple):
         return merged(read, {**given, "arm": self})
 
 
-def load_urdf(path: str) -> ArmParameters:
-    """Return the arm of a file; warn of what was neglected. See `read_robot`."""
-    robot = read_robot(path)
-    if robot.doubts:
-        warnings.warn(f"{path}: {'; '.join(robot.doubts)}", RobotFileWarning, stacklevel=2)
-    return robot.arm
-
-
 @np.errstate(over="ignore", invalid="ignore")  # the arm refuses numbers that are not finite
 def read_robot(path: str) -> RobotFile:
     """Return the arm of a URDF file, or of MuJoCo's XML.
@@ -386,17 +378,16 @@ def _read_mujoco(path: str) -> _Robot:
     data.qpos[:] = 0.0 if model.nq == model.nv else model.qpos0
     mujoco.mj_kinematics(model, data)
     links = [model.body(i).name or f"body {i}" for i in range(model.nbody)]
-    motors = {
-        int(model.actuator_trnid[i, 0]): i for i in range(model.nu) if model.actuator_trntype[i] == 0
-    }  # of joints
+    largest = np.abs(model.actuator_ctrlrange * model.actuator_gear[:, :1]).max(axis=1)
+    efforts = {
+        int(model.actuator_trnid[i, 0]): float(largest[i]) if model.actuator_ctrllimited[i] else None
+        for i in np.flatnonzero(model.actuator_trntype == mujoco.mjtTrn.mjTRN_JOINT)
+    }
+    passive = 0.0 if efforts else None
     joints: dict[str, _Joint | str] = {}
     for i in range(model.njnt):
-        name, dof, motor = model.joint(i).name or f"joint {i}", model.jnt_dofadr[i], motors.get(i)
-        effort = 0.0 if motors else None
-        if motor is not None:
-            largest = float(np.abs(model.actuator_ctrlrange[motor] * model.actuator_gear[motor, 0]).max())
-            effort = largest if model.actuator_ctrllimited[motor] else None
-        numbers = effort, float(model.dof_damping.flat[dof]), float(model.dof_frictionloss[dof]), None
+        name, dof = model.joint(i).name or f"joint {i}", model.jnt_dofadr[i]
+        numbers = efforts.get(i, passive), float(model.dof_damping.flat[dof]), float(model.dof_frictionloss[dof]), None
         joint = name, links[model.jnt_bodyid[i]], data.xaxis[i].copy(), data.xanchor[i].copy(), numbers
         hinge = model.jnt_type[i] == mujoco.mjtJoint.mjJNT_HINGE
         joints[name] = _Joint(*joint, rotor=float(model.dof_armature[dof])) if hinge else "no hinge"

@@ -1,7 +1,6 @@
 """The drives of the joints."""
 
 import math
-from dataclasses import dataclass
 from typing import Any, ClassVar
 
 from fbl_gym.records.checks import Pair
@@ -10,7 +9,6 @@ from fbl_gym.records.record import Distribution, Number, Numbers, Option, ends, 
 _NONE = (math.inf, math.inf)
 
 
-@dataclass(frozen=True)
 class Actuator(Option):
     """The joint drives: the torque command passes limit, delay, rate limit, lag and gain in turn.
 

@@ -1,6 +1,5 @@
 """The datasheet: what policies are told of drive, sensors and springs, where that is not so."""
 
-from dataclasses import dataclass
 from typing import Any
 
 from fbl_gym.options.sensors import SENSORS
@@ -10,7 +9,6 @@ from fbl_gym.records.record import Option, number, pair
 _SPRINGS = ("stiffness", "damping", "rotor_inertia", "backlash")
 
 
-@dataclass(frozen=True)
 class Datasheet(Option):
     """The statements that policies get in place of the truth, as fields of `Interface`.
 

@@ -1,6 +1,5 @@
 """Disturbances: one record for each kind of torque tau_d of equation (1)."""
 
-from dataclasses import dataclass
 from typing import Any, ClassVar, TypeAlias
 
 import numpy as np
@@ -37,7 +36,6 @@ class _Timed(Option):
             settings["torque_varies"] |= steps % scenario.substeps > 0
 
 
-@dataclass(frozen=True)
 class PiecewiseConstantDisturbance(_Timed):
     """A torque that jumps to a new level at regular times (§3.2 of the paper).
 
@@ -51,7 +49,6 @@ class PiecewiseConstantDisturbance(_Timed):
     kind: str = kind("piecewise-constant")
 
 
-@dataclass(frozen=True)
 class SineDisturbance(_Timed):
     """A torque amplitude * sin(2 pi frequency t + phase).
 
@@ -80,7 +77,6 @@ class SineDisturbance(_Timed):
         packer.settings["disturbance_phase_drawn"], packer.settings["torque_varies"] = self.phase is None, True
 
 
-@dataclass(frozen=True)
 class PulseDisturbance(_Timed):
     """A torque in pulses. Times are multiples of physics_dt.
 
@@ -102,7 +98,6 @@ class PulseDisturbance(_Timed):
         check_number("width", self.width, above=0, high=self.period)
 
 
-@dataclass(frozen=True)
 class ArrayDisturbance(_Timed):
     """A torque given by samples, each held until the next; the last one holds on.
 

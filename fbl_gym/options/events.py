@@ -4,13 +4,11 @@ A policy is not told of them. Times count to the nearest physics step.
 """
 
 from collections.abc import Mapping
-from dataclasses import dataclass
 from typing import Any, TypeAlias
 
 from fbl_gym.records.record import Number, Numbers, Option, build_kind, declared, kind, number, pair, steps
 
 
-@dataclass(frozen=True)
 class _Event(Option):
     """Base of the events.
 
@@ -21,7 +19,6 @@ class _Event(Option):
     time: Number = number(unit="s", varies=True, low=0, scale=steps)
 
 
-@dataclass(frozen=True)
 class PickUp(_Event):
     """A grasp: a point mass at rest joins the tip, on top of any other payload.
 
@@ -36,14 +33,12 @@ class PickUp(_Event):
     kind: str = kind("pick-up")
 
 
-@dataclass(frozen=True)
 class Drop(_Event):
     """The release of all payload. Velocities stay."""
 
     kind: str = kind("drop")
 
 
-@dataclass(frozen=True)
 class FrictionChange(_Event):
     """All parts of the friction, that under load too, times a factor from now on.
 
@@ -60,7 +55,6 @@ class FrictionChange(_Event):
             raise ValueError("events change friction, but friction is None: give the friction that they change")
 
 
-@dataclass(frozen=True)
 class DriveChange(_Event):
     """Torque of the drives times a factor from now on, such as 0.5 where half of it is lost.
 
@@ -78,7 +72,6 @@ class DriveChange(_Event):
         packer.settings["torque_varies"] = True
 
 
-@dataclass(frozen=True)
 class Knock(_Event):
     """A blow: velocities jump by M^-1 impulse. With elastic joints it meets the links.
 

@@ -1,22 +1,13 @@
 """Friction in the joints; `kernel/friction.py` has its equation."""
 
-from dataclasses import dataclass
 from typing import Any, ClassVar, Literal
 
-import numpy as np
-
-from fbl_gym.model.arm import inertia_matrix
 from fbl_gym.records.record import Numbers, Option, choice, pair
-
-MAX_DECAY = 1.0
-"""Largest product of physics_dt and the rate of decay by viscous friction; Runge-Kutta is stable up
-to 2.78."""
 
 LAWS = ("exact", "literal")
 """The laws of dry friction, in the order of their numbers in the kernel, from 1."""
 
 
-@dataclass(frozen=True)
 class Friction(Option):
     """Joint friction, equation (43): f_i1 v + (f_i2 + f_s exp(-v^2 / v_s) + mu abs(tau)) sign(v).
 
@@ -45,14 +36,12 @@ class Friction(Option):
     derived: ClassVar = {"friction_law": int}
 
     def check(self, scenario: Any) -> None:
-        """Refuse viscous friction too large for the physics step, and a law of rigid joints."""
+        """Refuse the law of rigid joints for other ones."""
         others = (scenario.joint, scenario.link, scenario.plant)
         if self.law == "literal" and any(option is not None for option in others):
             raise ValueError(
                 "friction.law must be 'exact' with elastic joints, links that bend and in MuJoCo, got 'literal'"
             )
-        if all(option is None for option in others):  # springs are checked with this friction
-            scenario.check_rate("this friction", _fastest_decay(scenario), MAX_DECAY)
 
     @property
     def is_dry(self) -> bool:
@@ -62,10 +51,3 @@ class Friction(Option):
     def pack(self, packer: Any) -> None:
         """Write the law, if there is dry friction."""
         packer.settings["friction_law"] = 1 + LAWS.index(self.law) if self.is_dry else 0
-
-
-def _fastest_decay(scenario: Any) -> float:
-    """Return the largest rate at which viscous friction slows any real arm [1/s]."""
-    angles = np.column_stack([np.zeros(9), np.linspace(0, np.pi, 9)])
-    inertias = np.concatenate([inertia_matrix(arm, angles) for arm in scenario.lightest])
-    return float(np.linalg.eigvals(np.linalg.solve(inertias, np.diag(scenario.most_viscous))).real.max())

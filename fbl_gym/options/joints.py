@@ -23,7 +23,6 @@ held has a faster one: of joint i alone, f_i sqrt(1 + M_ii / B_i).
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass
 from typing import Any, ClassVar, Literal
 
 import numpy as np
@@ -33,7 +32,6 @@ from fbl_gym.records.checks import Pair
 from fbl_gym.records.record import Numbers, Option, choice, ends, pair
 
 
-@dataclass(frozen=True)
 class ElasticJoint(Option):
     """Joints with a spring between motor and link.
 
@@ -68,10 +66,9 @@ class ElasticJoint(Option):
             )
 
     def check(self, scenario: Any) -> None:
-        """Refuse joints without rotors, or too stiff for the physics step."""
+        """Refuse joints without rotors."""
         if min(scenario.rotor) <= 0.0:
             raise ValueError(f"elastic joints need rotors: give joint.rotor_inertia or arm.rotor, got {scenario.rotor}")
-        scenario.check_springs()
 
     def pack(self, packer: Any) -> None:
         """Write the encoders' side, and the inertia by which a frequency becomes a stiffness."""

@@ -1,6 +1,5 @@
 """Limits beyond which an arm has diverged, and constraints that it shall keep."""
 
-from dataclasses import dataclass
 from typing import Any, ClassVar
 
 import numpy as np
@@ -11,7 +10,6 @@ from fbl_gym.records.checks import Pair
 from fbl_gym.records.record import Option, choice, number, pair
 
 
-@dataclass(frozen=True)
 class Limits(Option):
     """The limits beyond which an arm has diverged, and the ranges of the interface's numbers.
 
@@ -41,7 +39,6 @@ class Limits(Option):
         settings["error_steps"] = np.ceil(self.error_time / packer.scenario.control_dt - 1e-9)
 
 
-@dataclass(frozen=True)
 class Constraints(Option):
     """Bounds that the arm shall keep. A step whose end is beyond one of them costs 1.
 

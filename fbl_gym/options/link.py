@@ -15,7 +15,6 @@ payload or heavier links than the nominal ones, soft hinges may buckle; the bala
 one, far from straight. If the joints turn too fast for a balance, it is that at rest, q' = 0.
 """
 
-from dataclasses import dataclass
 from typing import Any, ClassVar
 
 import numpy as np
@@ -29,7 +28,6 @@ MOST_SAG = 0.5
 """Largest bend of the links of a horizontal arm under its weight, without payload [rad]."""
 
 
-@dataclass(frozen=True)
 class FlexibleLink(Option):
     """Links that bend, with the encoders at their joints.
 
@@ -46,14 +44,13 @@ class FlexibleLink(Option):
     derived: ClassVar = {"flexible": bool, "beyond": (float, 2)}
 
     def check(self, scenario: Any) -> None:
-        """Refuse links too soft for their weight, or too fast for the physics step."""
+        """Refuse links too soft for their weight."""
         inertia, load = straight_chain(scenario.arm, 0.0)
         least = np.sqrt(np.abs(load[2:]) / (MOST_SAG * np.diag(inertia)[2:])) / (2 * np.pi)
         low = [ends(x)[0] for x in self.frequency]  # type: ignore[union-attr]
         if np.any(low < least):
             needed = f"at least {least[0]:.3g} and {least[1]:.3g} Hz, where weight bends the links by {MOST_SAG} rad"
             raise ValueError(f"link.frequency must be {needed}, got {low[0]:g} and {low[1]:g} Hz")
-        scenario.check_springs()
 
     def pack(self, packer: Any) -> None:
         """Write the inertia that turns on the hinges of a straight nominal arm [kg m^2]."""

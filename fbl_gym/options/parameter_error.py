@@ -4,8 +4,8 @@ The nominal model stays fixed and the real arm varies around it, as in the paper
 parameter error is a ratio real / nominal.
 """
 
+import itertools
 from collections.abc import Mapping
-from dataclasses import dataclass
 from typing import Any, ClassVar, Literal
 
 import numpy as np
@@ -20,7 +20,6 @@ PARAMETERS = ("m1", "m2", "L1", "L2")
 Ratios = tuple[float, float, float, float]
 
 
-@dataclass(frozen=True)
 class Payload(Option):
     """A mass at the tip that the nominal model does not include.
 
@@ -83,7 +82,6 @@ def _fraction(nominal: Any, ratio: Any, unit: Pair, end: int) -> Pair:
     return first / unit[0], second / unit[1]
 
 
-@dataclass(frozen=True)
 class ParameterError(Option):
     """Real parameters that differ from the nominal ones.
 
@@ -122,10 +120,9 @@ class ParameterError(Option):
         """
         m1, m2, L1, L2 = (getattr(arm, name) * ratio for name, ratio in zip(PARAMETERS, self.ratio, strict=True))  # type: ignore[arg-type]
         s1, s2, s3, s4 = (1.0 + self.radius if name in self.parameters else 1.0 for name in PARAMETERS)
-        lengths = [(L1 * x1, L2 * x2) for x1 in {1.0 / s3, s3} for x2 in {1.0 / s4, s4}]
         m1, m2, rotor = m1 / s1, m2 / s2, times(arm.rotor, self.rotor, 0)
         arms = []
-        for x1, x2 in lengths:
+        for x1, x2 in itertools.product({L1 / s3, L1 * s3}, {L2 / s4, L2 * s4}):
             longer = x1 / arm.L1, x2 / arm.L2
             larger = m1 / arm.m1 * longer[0] ** 2, m2 / arm.m2 * longer[1] ** 2
             inertia = _fraction(arm.inertia, self.inertia, larger, 0)

@@ -1,13 +1,11 @@
 """Engines other than the package's own that move the real arm."""
 
-from dataclasses import dataclass
 from typing import Literal
 
-from fbl_gym.records.record import Record, choice, kind, whole
+from fbl_gym.records.record import Option, choice, kind, whole
 
 
-@dataclass(frozen=True)
-class MuJoCo(Record):
+class MuJoCo(Option):
     """The physics of MuJoCo, which needs the extra `mujoco`.
 
     Everything else stays the package's: draws, drives, disturbance, sensors, reference and reward.

@@ -6,7 +6,6 @@ episode, so that every policy follows the same motion.
 """
 
 import math
-from dataclasses import dataclass
 from typing import Any, ClassVar, TypeAlias
 
 import numpy as np
@@ -22,11 +21,6 @@ LOW: Pair = (-math.pi / 2 - 1.0, -1.0)
 HIGH: Pair = (-math.pi / 2 + 1.0, 1.0)
 
 
-def _range(positions: np.ndarray) -> tuple[Pair, Pair]:
-    """Return the lowest and the highest position of each joint, of positions [n x 2]."""
-    return tuple(positions.min(axis=0).tolist()), tuple(positions.max(axis=0).tolist())
-
-
 class _Reference(Option):
     """Base of the references."""
 
@@ -35,18 +29,16 @@ class _Reference(Option):
         "point_time": float, "reference_phases_drawn": bool,
     }  # fmt: skip
 
-    @property
-    def range(self) -> tuple[Pair, Pair]:
-        """Return the lowest and the highest position of each joint [rad]."""
-        raise NotImplementedError
+    extremes: ClassVar[Any]
+    """Positions [n x 2] rad, among them the lowest and the highest one of each joint."""
 
     def check(self, scenario: Any) -> None:
         """Refuse a reference beyond the sensors' range, or points far from the first one."""
         far, points = scenario.limits.position, vars(self).get("points", vars(self).get("position"))
-        low, high = self.range
-        if np.abs(self.range).max() > 2 * far:
+        low, high = (tuple(end(self.extremes, axis=0).tolist()) for end in (np.min, np.max))
+        if np.abs([low, high]).max() > 2 * far:
             right = f"the sensors' range, 2 limits.position = {2 * far:g} rad"
-        elif points and np.abs(np.subtract(self.range, points[0])).max() > far:
+        elif points and np.abs(np.subtract([low, high], points[0])).max() > far:
             right = f"limits.position={far:g} rad of its start {points[0]}"
         else:
             return
@@ -57,7 +49,6 @@ class _Reference(Option):
         packer.settings["reference_kind"] = REFERENCES.index(type(self))
 
 
-@dataclass(frozen=True)
 class _Points(_Reference):
     """Base of the references through points that are drawn or given.
 
@@ -78,10 +69,9 @@ class _Points(_Reference):
     """Fields whose sum is the time from one point to the next."""
 
     @property
-    def range(self) -> tuple[Pair, Pair]:
-        """Return the lowest and the highest position of each joint [rad]."""
-        points = (self.low, self.high) if self.points is None else self.points
-        return _range(np.array(points))
+    def extremes(self) -> Any:
+        """Return the corners of the box, or the points."""
+        return (self.low, self.high) if self.points is None else self.points
 
     def validate(self) -> None:
         """Refuse an empty box."""
@@ -113,7 +103,6 @@ class _Points(_Reference):
         settings["reference_points"], settings["waypoints"] = n, self.pairs * n
 
 
-@dataclass(frozen=True)
 class MinimumJerk(_Points):
     """Straight moves in joint space between way-points with minimum jerk (Flash and Hogan 1985).
 
@@ -129,7 +118,6 @@ class MinimumJerk(_Points):
     times: ClassVar[tuple[str, ...]] = ("move_time", "hold_time")
 
 
-@dataclass(frozen=True)
 class Steps(_Points):
     """Levels that jump at regular times, first at t = 0. Velocity and acceleration are zero.
 
@@ -141,7 +129,6 @@ class Steps(_Points):
     kind: str = kind("steps")
 
 
-@dataclass(frozen=True)
 class FilteredSteps(_Points):
     """Steps s through a critically damped second-order filter: r'' = w^2 (s - r) - 2 w r'.
 
@@ -157,7 +144,6 @@ class FilteredSteps(_Points):
     pairs: ClassVar[int] = 3  # also the filter's state at the start of each segment
 
 
-@dataclass(frozen=True)
 class _Oscillation(_Reference):
     """Base of the references that are sums of sines about a centre.
 
@@ -170,11 +156,11 @@ class _Oscillation(_Reference):
     amplitude: Numbers = pair(1.0, unit="rad", low=0, varies=True, kernel="reference_amplitude")
 
     @property
-    def range(self) -> tuple[Pair, Pair]:
-        """Return the lowest and the highest position of each joint [rad], for any phase."""
+    def extremes(self) -> Any:
+        """Return the lowest and the highest position for any phase."""
         joints: Any = zip(self.centre, self.amplitude, strict=True)  # type: ignore[arg-type]
         centres, sizes = np.transpose([(ends(centre), ends(size)) for centre, size in joints], (1, 2, 0))
-        return _range(centres + np.outer([-1, 1], sizes[1]))
+        return centres + np.outer([-1, 1], sizes[1])
 
     def pack(self, packer: Any) -> None:
         """Write the sines; those of `FourierReference` have drawn phases."""
@@ -187,7 +173,6 @@ class _Oscillation(_Reference):
         settings["reference_table"] = packer.table([*(weights / weights.sum()), *(phase or (0.0, 0.0))])
 
 
-@dataclass(frozen=True)
 class SineReference(_Oscillation):
     """The motion centre + amplitude sin(2 pi frequency t + phase).
 
@@ -202,7 +187,6 @@ class SineReference(_Oscillation):
     kind: str = kind("sine")
 
 
-@dataclass(frozen=True)
 class FourierReference(_Oscillation):
     """An exciting motion: harmonics h of one frequency, amplitudes as 1/h, drawn phases.
 
@@ -216,7 +200,6 @@ class FourierReference(_Oscillation):
     kind: str = kind("fourier")
 
 
-@dataclass(frozen=True)
 class ArrayReference(_Reference):
     """A motion given by samples; the last position holds on.
 
@@ -234,14 +217,13 @@ class ArrayReference(_Reference):
     kind: str = kind("array")
 
     @property
-    def range(self) -> tuple[Pair, Pair]:
-        """Return the lowest and the highest position of each joint [rad]."""
-        return _range(np.array(self.position))
+    def extremes(self) -> Any:
+        """Return the samples."""
+        return self.position
 
     def validate(self) -> None:
         """Refuse a velocity or an acceleration of another length."""
-        for name in ("velocity", "acceleration"):
-            rows = getattr(self, name)
+        for name, rows in (("velocity", self.velocity), ("acceleration", self.acceleration)):
             if rows is not None and len(rows) != len(self.position):
                 raise ValueError(f"{name} must have the {len(self.position)} rows of position, got {len(rows)}")
 
@@ -258,16 +240,13 @@ class ArrayReference(_Reference):
         """Return position, velocity and acceleration at times [n] s, [n x 6]; then at rest."""
         from scipy.interpolate import CubicSpline  # takes as long as all other imports of this package
 
-        position = np.array(self.position)
-        last = (len(position) - 1) * self.dt
-        clipped = np.minimum(times, last)
-        knots = self.dt * np.arange(len(position))
-        if len(position) == 1:
-            return np.hstack([np.repeat(position, len(times), axis=0), np.zeros((len(times), 4))])
-        spline = CubicSpline(knots, position)
+        if len(self.position) == 1:
+            return np.tile([*self.position[0], 0.0, 0.0, 0.0, 0.0], (len(times), 1))
+        last, knots = (len(self.position) - 1) * self.dt, self.dt * np.arange(len(self.position))
+        clipped, spline = np.minimum(times, last), CubicSpline(knots, self.position)
         columns = [spline(clipped)]
         for order, rows in ((1, self.velocity), (2, self.acceleration)):
-            values = spline(clipped, order) if rows is None else CubicSpline(knots, np.array(rows))(clipped)
+            values = spline(clipped, order) if rows is None else CubicSpline(knots, rows)(clipped)
             columns.append(np.where((times <= last + 1e-12)[:, None], values, 0.0))
         return np.hstack(columns)
 

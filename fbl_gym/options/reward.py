@@ -12,7 +12,6 @@ A diverged arm gets 0 and the episode ends. No reward is negative, so ending an 
 pays. There is no squared error, because its slope vanishes near zero, where good policies differ.
 """
 
-from dataclasses import dataclass
 from typing import Any, ClassVar, Literal
 
 import numpy as np
@@ -22,7 +21,6 @@ from fbl_gym.model.arm import Array
 from fbl_gym.records.record import Option, choice, number
 
 
-@dataclass(frozen=True)
 class Reward(Option):
     """The weights and scales of the reward.
 

@@ -2,20 +2,18 @@
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass
 from typing import Any, ClassVar
 
 import numpy as np
 
 from fbl_gym.exact import exp
 from fbl_gym.records.checks import Pair
-from fbl_gym.records.record import Number, Numbers, Option, Record, ends, number, pair, record, scaled, whole
+from fbl_gym.records.record import Number, Numbers, Option, ends, number, pair, record, scaled, whole
 
 SENSORS = ("position", "velocity", "acceleration")
 
 
-@dataclass(frozen=True)
-class SensorError(Record):
+class SensorError(Option):
     """The error of one sensor: a bias, then white noise, then rounding, in the sensor's unit.
 
     Args:
@@ -37,10 +35,9 @@ class SensorError(Record):
 
     def validate(self) -> None:
         """Refuse two sizes of the noise."""
-        if self.snr_db is not None and self.sigma != (0.0, 0.0):
-            raise ValueError(f"give sigma or snr_db, not both; got sigma={self.sigma} and snr_db={self.snr_db}")
-        if self.density != (0.0, 0.0) and (self.snr_db is not None or self.sigma != (0.0, 0.0)):
-            raise ValueError(f"give density or another size, not both; got density={self.density}")
+        sizes = {name: getattr(self, name) for name in ("sigma", "density", "snr_db")}
+        if len(given := {name: size for name, size in sizes.items() if size not in (None, (0.0, 0.0))}) > 1:
+            raise ValueError(f"give one of {', '.join(sizes)}, got {given}")
 
     def std_at(self, control_dt: float) -> Any:
         """Return the standard deviation of each joint's noise."""
@@ -51,7 +48,6 @@ class SensorError(Record):
         return self.sigma
 
 
-@dataclass(frozen=True)
 class Noise(Option):
     """The errors of the sensors. A sensor without an error is perfect.
 
@@ -99,7 +95,6 @@ class Noise(Option):
         }
 
 
-@dataclass(frozen=True)
 class Encoder(Option):
     """The encoders of both joints, and the velocity that a drive computes from them.
 

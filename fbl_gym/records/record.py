@@ -24,20 +24,11 @@ import math
 import re
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import MISSING, dataclass
-from typing import Any, ClassVar, TypeAlias, TypeVar
+from typing import Any, ClassVar, TypeAlias, TypeVar, dataclass_transform
 
 import numpy as np
 
-from fbl_gym.records.checks import (
-    bounds_text,
-    check_choice,
-    check_choices,
-    check_number,
-    check_pair,
-    check_table,
-    check_whole,
-    unknown,
-)
+from fbl_gym.records import checks
 
 Built = TypeVar("Built")
 Range = tuple[float, float]
@@ -102,8 +93,11 @@ class Record:
         """Refuse values that do not fit together. Called after each field has been checked."""
 
 
+@dataclass_transform(frozen_default=True)
 class Option(Record):
     """Base of the records of a task, from whose declarations the kernel's memory follows.
+
+    Its subclasses are frozen dataclasses without a decorator.
 
     The kernel gets each field that declares `kernel`, the name of its number there: from a setting,
     or, if it varies, from a row of a block, which each episode fills. `pack` writes other numbers.
@@ -115,6 +109,9 @@ class Option(Record):
 
     derived: ClassVar[Mapping[str, Any]] = {}
     drawn: ClassVar[Mapping[str, Any]] = {}
+
+    def __init_subclass__(cls) -> None:
+        dataclass(frozen=True)(cls)
 
     def check(self, scenario: Any) -> None:
         """Refuse values that do not fit the rest of a scenario."""
@@ -161,11 +158,11 @@ def number(
 ) -> Any:
     """Declare a finite number; with `joints`, one or two, where one stands for both joints."""
     bounds: Any = {"low": low, "high": high, "above": above}
-    check: Any = functools.partial(_check_varying if varies else check_number, **bounds)
-    form = ("a number or distribution" if varies else "a number") + bounds_text(**bounds)
+    check: Any = functools.partial(_check_varying if varies else checks.check_number, **bounds)
+    form = ("a number or distribution" if varies else "a number") + checks.bounds_text(**bounds)
     if joints:
         form = form.replace("a number", "one or two numbers").replace("distribution", "distributions")
-        check = functools.partial(check_pair, check=check)
+        check = functools.partial(checks.check_pair, check=check)
     return declared(default, check, form, varies=varies, dtype=(float, 2) if joints else float, **options)
 
 
@@ -175,32 +172,28 @@ pair = functools.partial(number, joints=True)
 
 def whole(default: Any = MISSING, *, low: int = 0, high: float = math.inf, varies: bool = False, **options: Any) -> Any:
     """Declare a whole number within bounds; draws of a distribution are to be rounded."""
-
-    def convert(name: str, value: Any) -> Any:
-        if varies and isinstance(value, Distribution | Mapping):
-            return _check_varying(name, value, low=low, high=high)
-        return check_whole(name, value, low=low, high=high)
-
-    form = f"a whole number{' or distribution' * varies}{bounds_text(low, high)}"
+    check = functools.partial(_check_varying, check=checks.check_whole) if varies else checks.check_whole
+    convert = functools.partial(check, low=low, high=high)
+    form = f"a whole number{' or distribution' * varies}{checks.bounds_text(low, high)}"
     return declared(default, convert, form, varies=varies, dtype=float if varies else int, **options)
 
 
 def choice(default: Any, known: Iterable[str], **options: Any) -> Any:
     """Declare one of several names."""
     known = tuple(known)
-    check = functools.partial(check_choice, known=known)
+    check = functools.partial(checks.check_choice, known=known)
     return declared(default, check, _names(known), dtype=int, names=known, **options)
 
 
 def choices(default: Any, known: Iterable[str]) -> Any:
     """Declare some of several names, held in the order of `known`; one name stands alone."""
     known = tuple(known)
-    return declared(default, functools.partial(check_choices, known=known), "some of " + ", ".join(known))
+    return declared(default, functools.partial(checks.check_choices, known=known), "some of " + ", ".join(known))
 
 
 def table(default: Any = MISSING, *, unit: str = "") -> Any:
     """Declare rows of one number per joint, [n x 2]."""
-    return declared(default, check_table, "an array [n x 2]", unit)
+    return declared(default, checks.check_table, "an array [n x 2]", unit)
 
 
 def record(cls: type, default: Any = MISSING, *, scalar: str | None = None, none: Any = None) -> Any:
@@ -244,7 +237,7 @@ def _check_values(name: str, value: object, above: float | None = None) -> tuple
     """Return one number or more."""
     if not isinstance(value, list | tuple | np.ndarray) or len(value) == 0:
         raise ValueError(f"{name} must be a list of numbers, got {value!r}")
-    return tuple(check_number(f"{name}[{i}]", each, above=above) for i, each in enumerate(value))
+    return tuple(checks.check_number(f"{name}[{i}]", each, above=above) for i, each in enumerate(value))
 
 
 @dataclass(frozen=True)
@@ -314,13 +307,13 @@ def middle(value: Any) -> float:
     return math.sqrt(low * high) if logarithmic else (low + high) / 2
 
 
-def _check_varying(name: str, value: object, **bounds: Any) -> float | Distribution:
+def _check_varying(name: str, value: object, check: Any = checks.check_number, **bounds: Any) -> float | Distribution:
     """Return a number, or a distribution whose values are all within the bounds."""
     if not isinstance(value, Distribution | Mapping):
-        return check_number(name, value, **bounds)
+        return check(name, value, **bounds)
     distribution = build(name, value, Distribution)
     for each in distribution.values:
-        check_number(f"{name}, a distribution,", each, **bounds)
+        checks.check_number(f"{name}, a distribution,", each, **bounds)
     return distribution
 
 
@@ -358,7 +351,7 @@ def build(name: str, value: object, cls: type[Built], *, scalar: str | None = No
         raise ValueError(f"{name} must be {form}, got {value!r}")
     for key in given:
         if key not in fields:
-            raise unknown(f"field of {name}", key, fields)
+            raise checks.unknown(f"field of {name}", key, fields)
     if lacking := [key for key, field in fields.items() if _is_required(field) and key not in given]:
         raise ValueError(f"{name} must give {either(lacking, 'and')}, got {given!r}")
     try:
@@ -378,7 +371,7 @@ def build_kind(name: str, value: object, classes: tuple[type, ...]) -> Any:
         known = ", ".join(sorted(by_kind))
         raise ValueError(f"{name} must be one of its records, or a dict with a 'kind' of {known}, got {value!r}")
     if not isinstance(value["kind"], str) or value["kind"] not in by_kind:
-        raise unknown(f"kind of {name}", value["kind"], by_kind)
+        raise checks.unknown(f"kind of {name}", value["kind"], by_kind)
     return build(name, value, by_kind[value["kind"]])
 
 
@@ -411,7 +404,7 @@ def naming(options: Mapping[str, Any]) -> Iterator[None]:
 
 def _paths(options: Mapping[str, Any], above: str = "") -> Iterator[str]:
     for name, value in options.items():
-        if isinstance(value, Mapping) and not set(value) <= {"uniform", "log_uniform", "choice"}:
+        if isinstance(value, Mapping) and value and not is_distribution(value):
             yield from _paths(value, f"{above}{name}.")
         elif name not in ("name", "description", "kind"):
             yield f"{above}{name}"

@@ -9,11 +9,9 @@ may stand in a TOML file (`files.py`): `get("my_arm.toml")`.
 from fbl_gym.options import WORLDS
 from fbl_gym.scenarios.class_families import conditions
 from fbl_gym.scenarios.class_tiers import held_out_reason
-from fbl_gym.scenarios.families import Member
 from fbl_gym.scenarios.files import as_scenario, get, names
-from fbl_gym.scenarios.ideal import families
 from fbl_gym.scenarios.scenario import Scenario
-from fbl_gym.scenarios.tiers import SEVERITIES, TIERS, in_tier, member
+from fbl_gym.scenarios.tiers import SEVERITIES, TIERS, Member, families, in_tier, member
 from fbl_gym.scenarios.worlds import in_world
 
 __all__ = [

@@ -1,21 +1,21 @@
 """Families of the classes of robots: each pushes one property of a class further.
 
-A family has severities 1 to 3, whose numbers are in the TOML file of the class.
+A family has severities 1 to 3. Its numbers are in the TOML file of the class, its text in
+`common.toml`.
 """
 
 import copy
 import dataclasses
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
 
 from fbl_gym.model.arm import ArmParameters, stretched_inertia
 from fbl_gym.options import MinimumJerk
-from fbl_gym.records.record import merged
+from fbl_gym.records.record import either, merged
 from fbl_gym.scenarios.classes import CLASSES, RobotClass
-from fbl_gym.scenarios.families import Family
 
 BOX = (-math.pi, -2.2), (0.0, 2.2)
 """The box of the boards' motion [rad]."""
@@ -86,24 +86,30 @@ def _times(value: Any, factor: Any) -> Any:
     return value * factor
 
 
+def middle_of(distribution: Mapping[str, Sequence[float]]) -> float:
+    """Return the geometric mean of the ends of a range."""
+    return math.sqrt(math.prod(*distribution.values()))
+
+
+def _beyond(distribution: Mapping[str, Sequence[float]], factor: float) -> dict[str, Any]:
+    ((low, high),) = distribution.values()
+    return {"choice": (low / factor, high * factor)}
+
+
 def _bodies(scale: Scale, r: float) -> dict[str, Any]:
     r = scale.size * r
     return {"parameter_error": {"radius": r, "centre": uniform(1 - r / 2, 1 + r / 2), "inertia": uniform(1 - r, 1 + r)}}
 
 
 def _payload(scale: Scale, share: float) -> dict[str, Any]:
-    duration = scale.robot.duration
+    duration = scale.task["duration"]
     times = {"pick_up": uniform(duration * 0.1, duration * 0.3), "drop": uniform(duration * 0.6, duration * 0.8)}
     return scale.payload(scale.size * share, **times)
 
 
 def _delay(scale: Scale, more: float) -> dict[str, Any]:
-    low, high = scale.robot.scenario["actuator"]["delay"]["uniform"]
+    low, high = scale.task["actuator"]["delay"]["uniform"]
     return {"actuator": {"delay": uniform(low, high + scale.size * 1e-3 * more)}}
-
-
-def _noise(scale: Scale, sigma: float, counts: float) -> dict[str, Any]:
-    return {"noise": {"position": scale.size * 1e-3 * sigma}, "encoder": {"counts": counts}}
 
 
 def _disturbance(scale: Scale, percent: float) -> dict[str, Any]:
@@ -123,98 +129,70 @@ def _torque_constant(scale: Scale, percent: float) -> dict[str, Any]:
 
 def _datasheet(scale: Scale, samples: float, factor: float, percent: float) -> dict[str, Any]:
     """Return a truth on both sides beyond its ranges, of which policies are told the middle."""
-    size, task, h = scale.size, scale.task, scale.robot.control_dt
-    factor, off = 1 + size * (factor - 1), 1 + size * 0.01 * percent
-    low, high = task["actuator"]["delay"]["uniform"]
-    early, late = max(low - size * samples * h, 0.0), high + (2 if low == 0 else 1) * size * samples * h
-    usual = h + task["actuator"].get("jitter", 0.0) / 2  # a sample of computation, and the mean of the jitter
-    told: dict[str, Any] = {"delay": (early + late) / 2 + usual, "lag": middle_of(task["actuator"]["lag"])}
-    drive = {"delay": {"choice": (early, late)}, "lag": _beyond(task["actuator"]["lag"], factor)}
-    drive["gain"] = _beyond(task["actuator"]["gain"], off)
+    drive, h = scale.task["actuator"], scale.task["control_dt"]
+    factor, off, more = 1 + scale.size * (factor - 1), 1 + scale.size * 0.01 * percent, scale.size * samples * h
+    low, high = drive["delay"]["uniform"]
+    early, late = max(low - more, 0.0), high + (2 if low == 0 else 1) * more
+    usual = h + drive.get("jitter", 0.0) / 2  # a sample of computation, and the mean of the jitter
+    told: dict[str, Any] = {"delay": (early + late) / 2 + usual, "lag": middle_of(drive["lag"])}
     changes: dict[str, Any] = {
-        "actuator": drive,
-        "parameter_error": {"rotor": _beyond(task["parameter_error"]["rotor"], off)},
+        "actuator": {
+            "delay": {"choice": (early, late)},
+            "lag": _beyond(drive["lag"], factor),
+            "gain": _beyond(drive["gain"], off),
+        },
+        "parameter_error": {"rotor": _beyond(scale.task["parameter_error"]["rotor"], off)},
+        "datasheet": told,
     }
     if scale.robot.springs:
-        stiffness, damping = task["joint"]["stiffness"], task["joint"]["damping"]
+        stiffness, damping = scale.task["joint"]["stiffness"], scale.task["joint"]["damping"]
         told |= {"stiffness": tuple(map(middle_of, stiffness)), "damping": damping}
         changes["joint"] = {
             "stiffness": [_beyond(k, factor) for k in stiffness],
             "damping": [_beyond({"uniform": (c, c)}, factor**2) for c in damping],
         }
-    return {"datasheet": told, **changes}
+    return changes
 
 
-def _ends(distribution: Mapping[str, Sequence[float]]) -> Sequence[float]:
-    """Return the ends of a range."""
-    return next(iter(distribution.values()))
+_FAMILIES: dict[str, Callable[..., dict[str, Any]]] = {
+    "model-error": _bodies,
+    "payload": _payload,
+    "delay": _delay,
+    "lag": lambda scale, ends: {"actuator": {"lag": log_uniform(ends, scale.size * 1e-3)}},
+    "jitter": lambda scale, late: {"actuator": {"jitter": scale.size * 1e-3 * late}},
+    "lost-readings": lambda scale, length: {
+        "encoder": {"dropout": 0.01, "dropout_length": math.ceil(scale.size * length)}
+    },
+    "noise": lambda scale, sigma, counts: {
+        "noise": {"position": scale.size * 1e-3 * sigma}, "encoder": {"counts": counts}
+    },
+    "friction": lambda scale, factor: {
+        "friction": _times(scale.robot.weight["friction"], scale.size * factor * scale.weight)
+    },
+    "disturbance": _disturbance,
+    "elastic": lambda scale, rates: scale.springs([rate / scale.size for rate in rates]),
+    "backlash": lambda scale, gap, rates: scale.springs(rates, gap),
+    "ripple": lambda scale, percent: {"actuator": {"ripple": tuple(scale.size * 0.01 * percent * scale.weight)}},
+    "saturation": _saturation,
+    "torque-constant": _torque_constant,
+    "datasheet": _datasheet,  # the last one, since it goes beyond the ranges of the others
+}  # fmt: skip
+"""Functions that return fields of `Scenario`, from the scales of an arm and a family's numbers."""
 
 
-def middle_of(distribution: Mapping[str, Sequence[float]]) -> float:
-    """Return the geometric mean of the ends of a range."""
-    return math.sqrt(math.prod(_ends(distribution)))
-
-
-def _beyond(distribution: Mapping[str, Sequence[float]], factor: float) -> dict[str, Any]:
-    low, high = _ends(distribution)
-    return {"choice": (low / factor, high * factor)}
-
-
-_FAMILIES = {
-    "model-error": Family("masses off by factors of up to 1 + r, inertias by r, centres by r / 2; r = {r}", _bodies),
-    "payload": Family("up to {share} times the second link's mass, picked up and dropped during the motion", _payload),
-    "delay": Family("a further delay of up to {more} ms", _delay),
-    "lag": Family(
-        "a lag of the drives of {ends} ms",
-        lambda scale, ends: {"actuator": {"lag": log_uniform(ends, scale.size * 1e-3)}},
-    ),
-    "jitter": Family(
-        "each command late by up to {late} ms", lambda scale, late: {"actuator": {"jitter": scale.size * 1e-3 * late}}
-    ),
-    "lost-readings": Family(
-        "1 % of the samples begin a gap of {length} readings",
-        lambda scale, length: {"encoder": {"dropout": 0.01, "dropout_length": math.ceil(scale.size * length)}},
-    ),
-    "noise": Family("position noise of {sigma} mrad, and encoders of {counts} counts", _noise),
-    "friction": Family(
-        "{factor} times the friction",
-        lambda scale, factor: {"friction": _times(scale.robot.weight["friction"], scale.size * factor * scale.weight)},
-    ),
-    "disturbance": Family("a torque within {percent} % of the arm's weight, a new level every 0.5 s", _disturbance),
-    "elastic": Family(
-        "springs in the joints, each alone with a natural frequency of {rates} Hz",
-        lambda scale, rates: scale.springs([rate / scale.size for rate in rates]),
-    ),
-    "backlash": Family(
-        "a gap of {gap} mrad in joints with springs of {rates} Hz",
-        lambda scale, gap, rates: scale.springs(rates, gap),
-    ),
-    "ripple": Family(
-        "torque ripple of {percent} % of the weight",
-        lambda scale, percent: {"actuator": {"ripple": tuple(scale.size * 0.01 * percent * scale.weight)}},
-    ),
-    "saturation": Family("faster moves, with torque for the weight and {acceleration} rad/s^2", _saturation),
-    "torque-constant": Family("torques off by up to {percent} %", _torque_constant),
-    "datasheet": Family(  # the last one, since it goes beyond the ranges of the others
-        "a wrong data sheet: delay by {samples} samples, lag and stiffness by factors of {factor} beyond their ranges, "
-        "damping by their squares, gains and rotors by {percent} %",
-        _datasheet,
-    ),
-}
-"""The families that a class may have; its TOML file has their numbers."""
-
-
-def _families(robot: str) -> dict[str, Family]:
-    numbers = CLASSES[robot].families
-    return {name: family._replace(numbers=numbers[name]) for name, family in _FAMILIES.items() if name in numbers}
+def _text(value: Any) -> str:
+    return "-".join(f"{x:.3g}" if x < 1000 else f"{x:g}" for x in (value if isinstance(value, list) else [value]))
 
 
 def families(robot: str) -> dict[str, str]:
     """Return the description of each family of one of `CLASSES`, by name."""
-    known = {name: family.description for name, family in _families(robot).items()}
-    last = {"datasheet": known.pop("datasheet")}  # a later family must not change the turns of others
-    apart = " and ".join(CLASSES[robot].apart)
-    return known | {"everything": f"all but {apart} at once, at half their size"} | last
+    kind = CLASSES[robot]
+    numbers = {
+        family: {name: either([*map(_text, values)]) for name, values in each.items()}
+        for family, each in kind.families.items()
+    }
+    numbers["everything"] = {"apart": " and ".join(kind.apart)}
+    return {family: text.format(**numbers[family]) for family, text in kind.texts.items() if family in numbers}
 
 
 def conditions(arm: ArmParameters, robot: str, family: str = "nominal", severity: int = 0) -> dict[str, Any]:
@@ -227,9 +205,8 @@ def conditions(arm: ArmParameters, robot: str, family: str = "nominal", severity
         family: one of `families(robot)`, or "nominal": nothing is pushed further.
         severity: 0 to 3.
     """
-    kind, known = CLASSES[robot], _families(robot)
+    kind = CLASSES[robot]
     scale = Scale(kind, arm, 0.5 if family == "everything" else 1.0)
-    pushed = [name for name in known if name not in kind.apart] if family == "everything" else [family]
     usual = {
         "arm": arm,
         "reference": MinimumJerk(*BOX, move_time=kind.move_time, hold_time=0.3),
@@ -238,9 +215,10 @@ def conditions(arm: ArmParameters, robot: str, family: str = "nominal", severity
     springs = scale.springs(**kind.springs) if kind.springs else {}
     for change in (usual, scale.payload(0.1), _times(kind.weight, scale.weight), springs):
         scale.task = merged(scale.task, change)
-    for name in pushed if severity > 0 else ():
-        scale.task = merged(scale.task, known[name].at(severity, scale)) if name in known else scale.task
-    task = scale.task
-    if "joint" in task and np.min(arm.rotor) <= 0:
+    for name, push in _FAMILIES.items() if severity > 0 else ():
+        if name == family or (family == "everything" and name in kind.families and name not in kind.apart):
+            numbers = {key: values[severity - 1] for key, values in kind.families[name].items()}
+            scale.task = merged(scale.task, push(scale, **numbers))
+    if "joint" in scale.task and np.min(arm.rotor) <= 0:
         return conditions(dataclasses.replace(arm, rotor=tuple(scale.rotor)), robot, family, severity)
-    return task
+    return scale.task

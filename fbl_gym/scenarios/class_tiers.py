@@ -7,7 +7,6 @@ during the episode, bends, or is another one.
 """
 
 import dataclasses
-import functools
 from collections.abc import Sequence
 from typing import Any, NamedTuple
 
@@ -17,8 +16,7 @@ from fbl_gym.model.arm import ArmParameters, stretched_inertia
 from fbl_gym.options import ArrayReference, MinimumJerk
 from fbl_gym.records.record import ends, merged
 from fbl_gym.scenarios.class_families import BOX, Scale, conditions, families, log_uniform, middle_of, uniform
-from fbl_gym.scenarios.classes import CLASSES, RobotClass
-from fbl_gym.scenarios.families import Tier
+from fbl_gym.scenarios.classes import CLASSES
 from fbl_gym.scenarios.scenario import Scenario, as_arm
 
 
@@ -55,7 +53,8 @@ def _turn(
     return {"description": text, **task}
 
 
-def _board(robot: str, family: str, severity: int, arm: ArmParameters | None) -> dict[str, Any]:
+def board(robot: str, family: str, severity: int, arm: ArmParameters | None) -> dict[str, Any]:
+    """Return a scenario of the board, which may be of one of its further arms."""
     if family not in CLASSES[robot].arms:
         return _turn(robot, family, severity, arm, _BOARD_ARMS)
     real = CLASSES[robot].arms[family]
@@ -63,7 +62,7 @@ def _board(robot: str, family: str, severity: int, arm: ArmParameters | None) ->
     return task | {"description": f"{robot}: {real['description']}"}
 
 
-def _practice(robot: str, family: str, severity: int, arm: ArmParameters | None) -> dict[str, Any]:
+def practice(robot: str, family: str, severity: int, arm: ArmParameters | None) -> dict[str, Any]:
     """Return a scenario for tuning and training: with other arms and motions than on the board."""
     task = _turn(robot, family, severity, arm, _PRACTICE_ARMS)
     speed = 1.5 if family == "saturation" else 1.0
@@ -72,22 +71,12 @@ def _practice(robot: str, family: str, severity: int, arm: ArmParameters | None)
     return task | {"reference": motion, "duration": 4.8}
 
 
-SURPRISES = {
-    "payload": "half of the second link's mass is picked up without notice",
-    "knock": "a blow, by which a stretched arm would gain 2 rad/s",
-    "friction": "friction becomes three times as large",
-    "drive": "the first drive loses 25 % of its torque",
-    "bend": "links bend, with natural frequencies of 12 to 25 Hz that no encoder sees",
-    "arm": "another arm, with the drives and sensors of the class",
-    "datasheet": "the springs, or in their absence the drives' lags, have half or twice the number of the data sheet",
-}
-
-
-def _surprise(robot: str, family: str, _: int, arm: ArmParameters | None) -> dict[str, Any]:
+def surprise(robot: str, family: str, _: int, arm: ArmParameters | None) -> dict[str, Any]:
+    """Return a scenario of surprise: the arm changes, bends, or is another one."""
     kind = CLASSES[robot]
     arm = arm or (kind.other_arm if family == "arm" else kind.arm)
-    p2, p3 = arm.lumped[1:3]
-    time, task = uniform(0.3 * kind.duration, 0.5 * kind.duration), conditions(arm, robot)
+    duration, (_, p2, p3, _, _) = kind.scenario["duration"], arm.lumped
+    time, task = uniform(0.3 * duration, 0.5 * duration), conditions(arm, robot)
     option, field = ("joint", "stiffness") if kind.springs else ("actuator", "lag")
     ranges = task[option][field]
     told = tuple(map(middle_of, ranges)) if kind.springs else middle_of(ranges)
@@ -105,39 +94,21 @@ def _surprise(robot: str, family: str, _: int, arm: ArmParameters | None) -> dic
         "arm": {},
         "datasheet": {option: {field: truth if kind.springs else truth[0]}, "datasheet": {field: told}},
     }
-    return merged({"description": f"{robot}: {SURPRISES[family]}", **task}, changes[family])
+    return merged({"description": f"{robot}: {kind.surprises[family]}", **task}, changes[family])
 
 
-def _tiers() -> dict[str, Tier]:
-    """Return the tiers of all classes: boards, surprises and practices."""
-    boards, surprises, practices = {}, {}, {}
-    for robot, kind in CLASSES.items():
-        graded, partial = families(robot), functools.partial
-        boards[robot] = Tier(kind.text, ("nominal", *kind.arms), graded, (1, 2, 3), partial(_board, robot))
-        text = f"{robot}: the arm changes during the episode, or is another one"
-        surprises[f"{robot}-surprise"] = Tier(text, SURPRISES, {}, (), partial(_surprise, robot))
-        text = f"{robot}: for tuning and training, with another motion"
-        practices[f"{robot}-practice"] = Tier(text, ("nominal",), graded, (1, 3), partial(_practice, robot))
-    return boards | surprises | practices
+def _own_arms() -> set[ArmParameters]:
+    """Return the arms for which `held_out_reason` refuses more than the board's motion."""
+    arms = set()
+    for kind in CLASSES.values():
+        arms |= {kind.other_arm, *(as_arm(name, name) for name in kind.arms)}
+        for variant in (*_BOARD_ARMS, *_PRACTICE_ARMS):
+            arm = variant.of(kind.arm)
+            arms |= {arm, dataclasses.replace(arm, rotor=tuple(Scale(kind, arm).rotor))}  # as it is behind springs
+    return arms
 
 
-TIERS = _tiers()
-"""The tiers of the classes, by name."""
-
-
-def _with_rotors(kind: RobotClass, arm: ArmParameters) -> tuple[ArmParameters, ArmParameters]:
-    """Return an arm, and the same with the rotors that it has behind springs."""
-    return arm, dataclasses.replace(arm, rotor=tuple(Scale(kind, arm).rotor))
-
-
-_OWN_ARMS = {
-    *(kind.other_arm for kind in CLASSES.values()), *(as_arm(name, name) for kind in CLASSES.values() for name in kind.arms),
-    *(
-        arm for kind in CLASSES.values() for variant in {*_BOARD_ARMS, *_PRACTICE_ARMS}
-        for arm in _with_rotors(kind, variant.of(kind.arm))
-    ),
-}  # fmt: skip
-"""The arms on which tuning and training may have no events, links that bend or other plant."""
+_OWN_ARMS = _own_arms()
 
 
 def held_out_reason(scenario: Scenario) -> str:

@@ -30,6 +30,8 @@ class RobotClass(NamedTuple):
         weight: fields of `Scenario` in multiples of the arm's weight, for each joint.
         families: the numbers of each family at severities 1 to 3.
         apart: families that are no part of `everything`.
+        texts: the description of each family, with the name of each number in braces.
+        surprises: the description of each surprise.
         springs: arguments of `Scale.springs` of `class_families.py`; empty: rigid joints.
         arms: further arms of the board, each with fields of `Scenario`.
     """
@@ -43,6 +45,8 @@ class RobotClass(NamedTuple):
     weight: Mapping[str, Any]
     families: Mapping[str, Mapping[str, Sequence[Any]]]
     apart: Sequence[str]
+    texts: Mapping[str, str]
+    surprises: Mapping[str, str]
     springs: Mapping[str, Any] = {}
     arms: Mapping[str, Mapping[str, Any]] = {}
 
@@ -50,11 +54,6 @@ class RobotClass(NamedTuple):
     def control_dt(self) -> float:
         """Return the time between two decisions [s]."""
         return self.scenario["control_dt"]
-
-    @property
-    def duration(self) -> float:
-        """Return the length of an episode [s]."""
-        return self.scenario["duration"]
 
 
 def _load(robot: str) -> RobotClass:

@@ -111,7 +111,7 @@ def from_table(table: Mapping[str, Any], path: Path | None = None, above: tuple[
             fields["arm"] = arm = read_robot(str(folder / arm))
         with naming(fields):
             if "arm" in fields:
-                given = build("scenario", {"arm": merged(parent.to_dict()["arm"], fields["arm"])}, Scenario).arm
+                given = as_arm("arm", merged(parent.to_dict()["arm"], fields["arm"]))
                 for doubt in () if isinstance(arm, str) else _doubts(given):  # before an error that follows from it
                     warnings.warn(f"{path or 'arm'}: {doubt}", UnitsWarning, stacklevel=2)
                 parent = tier_scenario(base, given) if base in MEMBERS else parent

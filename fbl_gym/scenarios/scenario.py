@@ -6,7 +6,6 @@ import dataclasses
 import json
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass
 from typing import Any, ClassVar, Literal
 
 from fbl_gym.interface import class_of
@@ -48,11 +47,13 @@ LARGEST_STEP = 0.5
 """Largest physics step, times the fastest rate of joints and links. A vibration of that rate then
 loses 0.01 % of its amplitude per step to the integration, slower ones far less."""
 
+LARGEST_DECAY = 1.0
+"""The same with the rate of decay by viscous friction; Runge-Kutta is stable up to 2.78."""
+
 MAX_SUBSTEPS = 10_000
 """Largest number of physics steps in a control step, also of MuJoCo."""
 
 
-@dataclass(frozen=True)
 class Scenario(Option):
     """One task. Each field takes its record or the plain data that makes one.
 
@@ -147,6 +148,7 @@ class Scenario(Option):
         self.check_multiple("duration", self.duration, "control_dt", least=1)
         for option in self.options:
             option.check(self)
+        self._check_rates()
 
     @property
     def options(self) -> list[Option]:
@@ -169,21 +171,21 @@ class Scenario(Option):
         if steps < least:
             raise ValueError(f"{name} must be at least {dt_name}={dt:g} s, got {duration:g} s")
 
-    def check_springs(self) -> None:
-        """Refuse elastic joints or links that bend too fast for the physics step."""
+    def _check_rates(self) -> None:
+        """Refuse a physics step too long for links that bend, elastic joints or friction."""
+        if self.link is not None:
+            cause, most = "these links (link.frequency, link.damping)", LARGEST_STEP
+        elif self.joint is not None:
+            cause, most = "these joints (joint.stiffness, frequency, damping)", LARGEST_STEP
+        elif self.friction is not None and self.plant is None:
+            cause, most = "this friction", LARGEST_DECAY
+        else:
+            return
+        error = self.parameter_error or ParameterError()
+        options = self.arm, times(self.rotor, error.rotor, 0), self.most_viscous, self.joint, self.link
         # The lightest links are the fastest. Lengths may act either way.
-        options = self.arm, self.least_rotor, self.most_viscous, self.joint, self.link
-        rate = max(fastest_rate(arm, *options) for arm in self.lightest)
-        joints, links = (
-            "these joints (joint.stiffness, frequency, damping)",
-            "these links (link.frequency, link.damping)",
-        )
-        self.check_rate(joints if self.link is None else links, rate, LARGEST_STEP)
-
-    def check_rate(self, cause: str, rate: float, most: float) -> None:
-        """Refuse a physics step that is too long for a cause's fastest rate [1/s]."""
-        if self.plant is not None:
-            most *= self.plant.substeps
+        rate = max(fastest_rate(arm, *options) for arm in error.lightest(self.arm))
+        most *= 1 if self.plant is None else self.plant.substeps
         if self.physics_dt * rate > most:
             # A part of the step given divides the times of other options, too.
             longest = self.physics_dt / math.ceil(self.physics_dt * rate / most)
@@ -207,25 +209,14 @@ class Scenario(Option):
         return self.arm.rotor if given is None else given  # type: ignore[return-value]
 
     @property
-    def least_rotor(self) -> Pair:
-        """Return the least real rotor inertias [kg m^2]."""
-        return self.rotor if self.parameter_error is None else times(self.rotor, self.parameter_error.rotor, 0)
-
-    @property
-    def lightest(self) -> list[ArmParameters]:
-        """Return the lightest real arms, with their least and largest lengths."""
-        return [self.arm] if self.parameter_error is None else self.parameter_error.lightest(self.arm)
-
-    @property
     def most_viscous(self) -> Pair:
         """Return the largest viscous friction of each joint, over draws and events [N m s/rad]."""
-        viscous = [0.0, 0.0]
-        for joint in range(2) if self.friction is not None else ():
-            viscous[joint] = ends(self.friction.viscous[joint])[1]  # type: ignore[index, union-attr]
-            for event in self.events:
-                if isinstance(event, FrictionChange):
-                    viscous[joint] *= max(1.0, ends(event.factor[joint])[1])  # type: ignore[index]
-        return viscous[0], viscous[1]
+        first, second = (0.0, 0.0) if self.friction is None else (ends(x)[1] for x in self.friction.viscous)  # type: ignore[union-attr]
+        for event in self.events:
+            if isinstance(event, FrictionChange):
+                factors = (max(1.0, ends(factor)[1]) for factor in event.factor)  # type: ignore[union-attr]
+                first, second = (x * factor for x, factor in zip((first, second), factors, strict=True))
+        return first, second
 
     @property
     def substeps(self) -> int:

@@ -1,22 +1,99 @@
-"""The tiers of the leaderboards' scenarios, all in one place."""
+"""The tiers of the leaderboards' scenarios, all in one place.
 
-from collections.abc import Collection
+The tier `ideal`, of the paper's assumptions, is in `ideal.toml`. Each class of robots has three
+more, see `class_tiers.py`.
+"""
 
-from fbl_gym.model.arm import ArmParameters
+import functools
+import tomllib
+from collections.abc import Callable, Collection
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from fbl_gym.model.arm import TABLE_1, ArmParameters
 from fbl_gym.records.checks import check_choice
-from fbl_gym.scenarios import class_tiers, ideal
-from fbl_gym.scenarios.families import Member
+from fbl_gym.records.record import merged
+from fbl_gym.scenarios import class_families, class_tiers
+from fbl_gym.scenarios.classes import CLASSES
 from fbl_gym.scenarios.scenario import Scenario
 
-_TIERS = {"ideal": ideal.TIER, **class_tiers.TIERS}
+
+class Member(NamedTuple):
+    """The place of a scenario in the tiers.
+
+    Attributes:
+        family: its family.
+        severity: 0 to 3.
+        tier: one of `TIERS`.
+    """
+
+    family: str
+    severity: int
+    tier: str
+
+
+class _Tier(NamedTuple):
+    """A tier of scenarios.
+
+    Attributes:
+        text: one line.
+        single: names of its families without severities.
+        graded: of those with severities.
+        severities: of the graded families.
+        options: returns fields of `Scenario` for a family, a severity and an arm; None: the tier's.
+    """
+
+    text: str
+    single: Collection[str]
+    graded: Collection[str]
+    severities: tuple[int, ...]
+    options: Callable[[str, int, ArmParameters | None], dict[str, Any]]
+
+
+_IDEAL = tomllib.loads(Path(__file__).with_name("ideal.toml").read_text(encoding="utf-8"))
+
+SEVERITIES = (0, 1, 2, 3)
+
+
+def families() -> dict[str, str]:
+    """Return the description of each family of the tier `ideal`, by name."""
+    return {name: family["text"] for name, family in _IDEAL.items()}
+
+
+def _ideal(family: str, severity: int, arm: ArmParameters | None) -> dict[str, Any]:
+    names = _IDEAL[family].get("combines", [family]) if severity > 0 else ()
+    pushed = (_IDEAL[name]["severities"][severity - 1] for name in names)
+    return functools.reduce(merged, pushed, {"arm": arm or TABLE_1, "description": _IDEAL[family]["text"]})
+
+
+def _tiers() -> dict[str, _Tier]:
+    """Return the tier `ideal`, and all boards, surprises and practices."""
+    text = "the paper's assumptions: no delay, no lag, exact sensors; one kind of uncertainty in each family"
+    graded = [family for family in _IDEAL if family != "nominal"]
+    boards, surprises, practices = {"ideal": _Tier(text, ("nominal",), graded, SEVERITIES, _ideal)}, {}, {}
+    for robot, kind in CLASSES.items():
+        known, partial = class_families.families(robot), functools.partial
+        boards[robot] = _Tier(kind.text, ("nominal", *kind.arms), known, (1, 2, 3), partial(class_tiers.board, robot))
+        text = f"{robot}: the arm changes during the episode, or is another one"
+        surprises[f"{robot}-surprise"] = _Tier(text, kind.surprises, (), (), partial(class_tiers.surprise, robot))
+        text = f"{robot}: for tuning and training, with another motion"
+        practices[f"{robot}-practice"] = _Tier(text, ("nominal",), known, (1, 3), partial(class_tiers.practice, robot))
+    return boards | surprises | practices
+
+
+_TIERS = _tiers()
 
 TIERS = {name: tier.text for name, tier in _TIERS.items()}
 """The tiers, each with one line."""
 
-SEVERITIES = ideal.TIER.severities
-
-MEMBERS = {name: member for tier in _TIERS for name, member in _TIERS[tier].members(tier).items()}
+MEMBERS: dict[str, Member] = {}
 """Family, severity and tier of each scenario of a tier, by name."""
+
+for _name, _tier in _TIERS.items():
+    _first = "" if _name == "ideal" else f"{_name}-"
+    MEMBERS |= {_first + family: Member(family, 0, _name) for family in _tier.single}
+    for _family in _tier.graded:
+        MEMBERS |= {f"{_first}{_family}-{k}": Member(_family, k, _name) for k in _tier.severities}
 
 
 def in_tier(tier: str, severities: Collection[int] = SEVERITIES[1:]) -> tuple[str, ...]:

@@ -12,11 +12,13 @@ from rich.console import Console
 from benchmarks import cli
 from benchmarks.analysis.board import assemble
 from benchmarks.cli import list as names
-from benchmarks.cli import sweep
+from benchmarks.cli import play, sweep
 from benchmarks.report import markdown, terminal
 from benchmarks.report.columns import ALL, columns_of, number
+from benchmarks.run.expansion import with_option
 from benchmarks.run.runner import run_cell
-from benchmarks.run.suite import load
+from benchmarks.run.suite import SHORT_SEEDS, SUITES, load
+from fbl_gym import scenarios
 
 
 @pytest.mark.parametrize(
@@ -52,7 +54,10 @@ from benchmarks.run.suite import load
         ("tune pid-flm --seeds 9999", "there are 10000 tuning seeds"),
         ("tune pid-flm --storage results", "storage must be a URL such as sqlite:///"),
         ("tune pid-flm --scenarios servo-noise-2", "its motion is the board's"),
-        ("sweep zero --over noise.position=1:2:log", "must be such as noise.position=1e-4:1e-2:log:9"),
+        *[
+            (f"sweep zero --over friction.coulomb={x}", "must be such as noise.position=1e-4:1e-2:log:9")
+            for x in ("1:2:log", "1/2/3", "x1/2", "1/")
+        ],
         ("sweep zero --over noise.position=0.0010000001,0.0010000002", "values that differ in their first six digits"),
         ("sweep zero --over nois.position=1,2", "unknown field of scenario 'nois'; did you mean 'noise'"),
         ("sweep zero --over arm.m1=1 --over arm.m1=2", "must name options that are no part of each other, got arm.m1"),
@@ -84,18 +89,22 @@ def test_a_mistake_in_a_file_is_one_line(folder, fbl_gym):
 
 @pytest.mark.parametrize("name", cli.COMMANDS)
 def test_the_example_of_a_command_is_right(name):
-    parser, _ = cli.prepare(name)
-    example = cli.COMMANDS[name].example
-    assert example
+    parser, example = cli.prepare(name)[0], cli.COMMANDS[name]["example"]
     assert example in parser.format_help()
-    parser.parse_args(shlex.split(example))
+    assert parser.parse_args(shlex.split(example))
 
 
 def test_the_row_of_the_example_is_on_the_default_board():
-    policy, _, task = cli.COMMANDS["verify"].example.partition("/")
     suite = load("servo")
-    assert policy in suite.policy_names
-    assert task in [scenario.name for scenario in suite.scenarios]
+    rows = [f"{policy}/{task.name}" for policy in suite.policy_names for task in suite.scenarios]
+    assert cli.COMMANDS["verify"]["example"] in rows
+
+
+def test_the_help_has_the_names_and_numbers_of_the_code():
+    board, window = (" ".join(cli.prepare(name)[0].format_help().split()) for name in ("leaderboard", "play"))
+    assert f" {', '.join(SUITES)}, or TOML files" in board
+    assert f" {SHORT_SEEDS} seeds" in board
+    assert f"after {play.ROUND:g} s" in window
 
 
 @pytest.fixture(scope="module")
@@ -131,14 +140,31 @@ def test_evaluate_prints_the_metrics_that_there_are(fbl_gym):
 
 
 @pytest.mark.parametrize(
-    ("option", "unit"),
+    ("option", "label"),
     [
-        ("noise.position", "rad"), ("noise.velocity.bias", "rad/s"), ("joint", "N m/rad"), ("arm.m2", "kg"),
-        ("encoder", ""),
+        ("noise.position", "noise.position [rad]"), ("noise.velocity.bias", "noise.velocity.bias [rad/s]"),
+        ("joint", "joint [N m/rad]"), ("arm.m2", "arm.m2 [kg]"), ("encoder", "encoder"),
     ],
 )  # fmt: skip
-def test_a_sweep_names_the_unit_of_its_option(option, unit):
-    assert sweep._unit(option) == unit
+def test_a_sweep_names_the_unit_of_its_option(option, label):
+    assert sweep._label(option, factor=False) == label
+    assert sweep._label(option, factor=True) == f"factor on {option}"
+
+
+def test_a_pair_is_a_value_and_two_options_make_a_grid_in_latex(folder, fbl_gym):
+    (folder / "short.toml").write_text('base = "paper-8"\nduration = 0.1\n')
+    line = "sweep zero pid-flm --over friction.coulomb=1/2,3/4 --over arm.m2=15,20 --scenario short.toml --seeds 1"
+    shown = fbl_gym(f"{line} --workers 1 --csv s.csv --tex s.tex --plot s.svg").out
+    assert "zero, arm.m2 15" in shown
+    heads = r"\multicolumn{2}{c}{zero, arm.m2 [kg]} & \multicolumn{2}{c}{pid-flm, arm.m2 [kg]} \\"
+    first, second, _, *rows = (folder / "s.tex").read_text().splitlines()[5:10]
+    assert first == rf"\multicolumn{{1}}{{c}}{{}} & {heads}"
+    assert second == r"friction.coulomb [N m] & 15 & 20 & 15 & 20 \\"
+    assert [row.split(" & ")[0] for row in rows] == ["1/2", "3/4"]
+    assert [row.split(",")[1] for row in (folder / "s.csv").read_text().splitlines()[1:]] == ["1/2"] * 4 + ["3/4"] * 4
+    assert ">3/4</text>" in (folder / "s.svg").read_text()
+    task = with_option(scenarios.get("paper-8"), "friction.coulomb", (1.0, 2.0))
+    assert (task.name, task.friction.coulomb) == ("paper-8,friction.coulomb=1/2", (1.0, 2.0))
 
 
 def test_the_board_in_a_file_has_the_numbers_of_the_markdown_table(board):
@@ -162,12 +188,9 @@ def test_the_board_on_a_terminal_has_the_main_columns_that_fit(board, width):
     assert len(row) + len(hidden) == len(columns_of(board, ALL)) + words
 
 
-def test_a_list_has_a_line_each(fbl_gym):
+def test_a_list_has_a_line_each_and_a_family_once(fbl_gym):
     whole = fbl_gym(["list"]).out.splitlines()
     assert len(whole) == sum(len(found()) for found in names.LISTS.values()) + len(names.LISTS)
-
-
-def test_a_family_is_listed_once(fbl_gym):
     shown = [line.partition("  ")[0] for line in fbl_gym(["list", "scenarios"]).out.splitlines()]
     assert {"paper-10", "nominal", "noise-0 to -3"} <= set(shown)
     assert len(shown) == len(set(shown)) < 140

@@ -54,8 +54,7 @@ def test_a_logarithmic_axis_has_plain_numbers(low, labels, tmp_path):
 
 
 def test_lines_differ_in_grey_print():
-    styles = {(plot.MARKERS[i % len(plot.MARKERS)], plot.DASHES[i % len(plot.DASHES)]) for i in range(28)}
-    assert len(styles) == 28
+    assert len({(plot.MARKERS[i % len(plot.MARKERS)], plot.DASHES[i % len(plot.DASHES)]) for i in range(28)}) == 28
 
 
 def test_several_seeds_give_medians_and_bands(trace, panels, tmp_path):

@@ -19,13 +19,13 @@ from benchmarks.run.store import Store
 from benchmarks.run.suite import load
 from controllers.name import PolicyName
 from fbl_gym import reading, scenarios
-from fbl_gym.model.urdf import load_urdf
+from fbl_gym.model.urdf import read_robot
 
 pytestmark = pytest.mark.skipif(sys.platform == "win32", reason="has no named pipes")
 
 DESCRIPTION = '{"interface": {}, "network": {"layers": 1}}'
 READERS = {
-    "arm.urdf": load_urdf, "arm.toml": scenarios.get,
+    "arm.urdf": read_robot, "arm.toml": scenarios.get,
     "base.toml": lambda path: write_text(Path("of.toml"), f'base = "{path}"\n') or scenarios.get("of.toml"),
     "suite.toml": load, "log.csv": lambda path: logs.read(Path(path)), "log.csv.gz": lambda path: logs.read(Path(path)),
     "gains.json": lambda path: PolicyName.parse(f"pd-gravity@{path}").given_gains,
@@ -67,7 +67,6 @@ def test_files_have_no_control_characters_and_no_formulas(folder):
 
 @pytest.mark.usefixtures("folder")
 def test_a_path_of_any_depth_is_made():
-    path = Path(*["a"] * 1200, "file")
-    write_text(path, "")
+    write_text(path := Path(*["a"] * 1200, "file"), "")
     path.unlink()
     os.removedirs(path.parent)

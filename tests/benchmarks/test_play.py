@@ -24,6 +24,7 @@ def press(game, kind, **details):
 
 
 def advance(game, pictures):
+    """Advance, and return the truth of each arm."""
     for _ in range(pictures):
         game.advance()
     return [arm.env.truth for arm in game.arms]

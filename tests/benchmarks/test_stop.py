@@ -28,29 +28,16 @@ class make_policy(Zero):
 WAITS = {"sleeps": "time.sleep(600)", "computes": "while True: pass"}
 
 
-def living(chosen):
-    """The processes whose folder in /proc is chosen."""
+def living(number, folder=None):
+    """The processes of a group without zombies, and isolated calls that run in a folder."""
     found = []
     for process in Path("/proc").glob("[0-9]*"):
         with contextlib.suppress(OSError):
-            if chosen(process):
+            state, _, of = (process / "stat").read_text().rpartition(") ")[2].split()[:3]
+            isolated = "fresh.py" in (process / "cmdline").read_text() and (process / "cwd").readlink() == folder
+            if isolated or (int(of) == number and state != "Z"):
                 found.append(int(process.name))
     return found
-
-
-def group(number):
-    """The living processes of a group, without zombies."""
-
-    def chosen(process):
-        state, _, of = (process / "stat").read_text().rpartition(") ")[2].split()[:3]
-        return int(of) == number and state != "Z"
-
-    return living(chosen)
-
-
-def isolated(folder):
-    """The living processes of isolated calls that run in a folder."""
-    return living(lambda it: "fresh.py" in (it / "cmdline").read_text() and (it / "cwd").readlink() == folder)
 
 
 def wait(until, seconds):
@@ -60,9 +47,12 @@ def wait(until, seconds):
     return until()
 
 
-def obey():
-    """Let a process take Ctrl-C, which a shell's background job ignores."""
-    signal.signal(signal.SIGINT, signal.SIG_DFL)
+def begin(*command, **options):
+    """Start a process that takes Ctrl-C, which a shell's background job ignores."""
+    return subprocess.Popen(
+        [sys.executable, *command], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
+        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL), **options,
+    )  # fmt: skip
 
 
 @pytest.fixture
@@ -73,21 +63,16 @@ def start(tmp_path):
     def start(how="sleeps", workers=2):
         flag, law = tmp_path / "runs", tmp_path / "slow.py"
         law.write_text(SLOW.format(flag=str(flag), wait=WAITS[how]))
-        command = [
-            sys.executable, "-m", "fbl_gym", "leaderboard", "--policies", "zero", str(law),
-            "--scenarios", "nominal", "noise", "mass-error", "--seeds", "1",
-            "--workers", str(workers), "--store", str(tmp_path / "store"),
-        ]  # fmt: skip
-        pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, "text": True}
-        pipes["preexec_fn"] = obey
-        process = subprocess.Popen(command, **pipes, start_new_session=True, stdin=subprocess.DEVNULL, cwd=tmp_path)
+        line = f"leaderboard --policies zero slow.py --scenarios nominal noise mass-error --seeds 1 --workers {workers}"
+        command = "-m", "fbl_gym", *line.split(), "--store", "store"
+        process = begin(*command, start_new_session=True, stdin=subprocess.DEVNULL, cwd=tmp_path)
         processes.append(process)
         assert wait(lambda: flag.exists() and (workers == 1 or Store(tmp_path / "store").files()), 120)
         return process
 
     yield start
     for process in processes:
-        for pid in group(process.pid):
+        for pid in living(process.pid):
             os.kill(pid, signal.SIGKILL)
         process.communicate()
 
@@ -100,7 +85,7 @@ def test_a_stopped_board_leaves_no_process_and_says_what_is_kept(start):
     assert process.returncode == 130
     assert "stopped; finished cells are kept, and the same command goes on" in errors
     assert "Traceback" not in out + errors
-    assert wait(lambda: not group(process.pid), 5)
+    assert wait(lambda: not living(process.pid), 5)
 
 
 def test_a_board_whose_store_cannot_be_written_ends(tmp_path):
@@ -116,9 +101,9 @@ def test_a_board_whose_store_cannot_be_written_ends(tmp_path):
 @pytest.mark.parametrize(("how", "workers", "number"), [("sleeps", 2, signal.SIGKILL), ("computes", 1, signal.SIGTERM)])
 def test_workers_end_within_five_seconds_of_a_killed_parent(how, workers, number, start, tmp_path):
     process = start(how, workers)
-    assert isolated(tmp_path)
+    assert living(-1, tmp_path)
     process.send_signal(number)
-    assert wait(lambda: not group(process.pid) and not isolated(tmp_path), 5)
+    assert wait(lambda: not living(process.pid, tmp_path), 5)
 
 
 LOST = """
@@ -138,20 +123,15 @@ except KeyboardInterrupt:
 
 
 def test_an_interrupt_in_a_finalizer_is_not_lost():
-    done = subprocess.run([sys.executable, "-c", LOST], capture_output=True, text=True, timeout=60, preexec_fn=obey)
-    assert (done.stdout, done.stderr) == ("stopped\n", "")
+    assert begin("-c", LOST).communicate(timeout=60) == ("stopped\n", "")
 
 
 def test_other_commands_say_what_is_kept_too(tmp_path):
-    command = ["tune", "pd-gravity", "--trials", "100000", "--seeds", "1", "--scenarios", "nominal", "--storage"]
-    process = subprocess.Popen(
-        [sys.executable, "-m", "fbl_gym", *command, f"sqlite:///{tmp_path}/studies.db"],
-        stderr=subprocess.PIPE, text=True, preexec_fn=obey,
-    )  # fmt: skip
+    line = f"tune pd-gravity --trials 100000 --seeds 1 --scenarios nominal --storage sqlite:///{tmp_path}/studies.db"
+    process = begin("-m", "fbl_gym", *line.split())
     assert wait(lambda: list(tmp_path.glob("*.db")), 240)
     time.sleep(1)
     process.send_signal(signal.SIGINT)
     _, errors = process.communicate(timeout=60)
-    assert (process.returncode, errors) == (
-        130, "fbl-gym: stopped; finished trials are kept, and the same command goes on\n",
-    )  # fmt: skip
+    assert process.returncode == 130
+    assert errors == "fbl-gym: stopped; finished trials are kept, and the same command goes on\n"

@@ -14,7 +14,7 @@ import optuna
 import pytest
 from optuna.distributions import FloatDistribution
 
-from benchmarks.cli.common import bounded
+from benchmarks.cli.arguments import bounded
 from benchmarks.policies.spec import resolve
 from benchmarks.run.linearize import linearize
 from benchmarks.run.loop import LEAST_DELAY, LEAST_PHASE

@@ -1,21 +1,12 @@
-"""The dynamics equals MuJoCo's, Pinocchio's and the paper's equations, and has every arm's properties."""
+"""The dynamics equals Pinocchio's and the paper's equations, and has every arm's properties."""
 
-import mujoco
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from fbl_gym import SECTION_2_2, TABLE_1, ArmParameters
-from fbl_gym.model.arm import (
-    coriolis_matrix,
-    forward_dynamics,
-    gravity_torque,
-    inertia_matrix,
-    inverse_dynamics,
-    joint_positions,
-    regressor,
-)
+from fbl_gym.model import arm as rigid
 
 pin = pytest.importorskip("pinocchio")  # Windows has none
 
@@ -43,8 +34,8 @@ def test_one_arm_has_the_bits_of_its_row_in_a_batch(arm, shape):
     """Alone, it is computed with floats."""
     q, v, torque = states(40)
     signals = {
-        inertia_matrix: (q,), coriolis_matrix: (q, v), gravity_torque: (q,),
-        inverse_dynamics: (q, v, torque), forward_dynamics: (q, v, torque),
+        rigid.inertia_matrix: (q,), rigid.coriolis_matrix: (q, v), rigid.gravity_torque: (q,),
+        rigid.inverse_dynamics: (q, v, torque), rigid.forward_dynamics: (q, v, torque),
     }  # fmt: skip
     for function, arguments in signals.items():
         batch = function(arm, *arguments)
@@ -52,29 +43,6 @@ def test_one_arm_has_the_bits_of_its_row_in_a_batch(arm, shape):
             alone = function(arm, *(x[i].reshape(shape) for x in arguments))
             assert alone.shape == shape[:-1] + batch.shape[1:]
             assert (alone == batch[i]).all()
-
-
-def mujoco_model(arm):
-    """The arm in MuJoCo: x to the right, z up, hinges about -y so that angles count from the horizontal upwards."""
-
-    def link(mass, length, joint):
-        about_centre = max(arm.inertia[joint] * mass * length**2, 1e-12)
-        centre = f"{arm.centre[joint] * length} 0 0"
-        return f'<inertial pos="{centre}" mass="{mass}" diaginertia="{about_centre} {about_centre} {about_centre}"/>'
-
-    text = f"""
-    <mujoco>
-      <option gravity="0 0 {-arm.gravity}"><flag contact="disable"/></option>
-      <compiler boundmass="0" boundinertia="0" balanceinertia="false" autolimits="false"/>
-      <worldbody>
-        <body><joint type="hinge" axis="0 -1 0" armature="{arm.rotor[0]}"/>{link(arm.m1, arm.L1, 0)}
-          <body pos="{arm.L1} 0 0">
-            <joint type="hinge" axis="0 -1 0" armature="{arm.rotor[1]}"/>{link(arm.m2, arm.L2, 1)}
-          </body>
-        </body>
-      </worldbody>
-    </mujoco>"""
-    return mujoco.MjModel.from_xml_string(text)
 
 
 def pinocchio_model(arm):
@@ -93,46 +61,26 @@ def pinocchio_model(arm):
 
 
 @arms
-def test_accelerations_equal_mujocos(arm):
-    """For 5,000 random states and torques, to 1e-11: MuJoCo's point masses need 1e-12 kg m^2."""
-    model = mujoco_model(arm)
-    data = mujoco.MjData(model)
-    q, v, torque = states(5000)
-    theirs = np.empty_like(q)
-    for i in range(len(q)):
-        data.qpos[:], data.qvel[:], data.qfrc_applied[:] = q[i], v[i], torque[i]
-        mujoco.mj_forward(model, data)
-        theirs[i] = data.qacc
-    ours = forward_dynamics(arm, q, v, torque)
-    relative = np.linalg.norm(ours - theirs, axis=1) / np.linalg.norm(theirs, axis=1)
-    assert relative.max() < 1e-11
-
-
-@arms
-def test_terms_equal_pinocchios(arm):
-    model = pinocchio_model(arm)
-    data = model.createData()
-    q, v, _ = states(500)
-    for i in range(len(q)):
-        inertia = pin.crba(model, data, q[i])
-        inertia = np.triu(inertia) + np.triu(inertia, 1).T
-        np.testing.assert_allclose(inertia_matrix(arm, q[i]), inertia, rtol=1e-11)
-        gravity = pin.computeGeneralizedGravity(model, data, q[i])
-        np.testing.assert_allclose(gravity_torque(arm, q[i]), gravity, rtol=1e-9, atol=1e-10)
-        coriolis = pin.computeCoriolisMatrix(model, data, q[i], v[i])
-        scale = np.abs(coriolis).max()
-        np.testing.assert_allclose(coriolis_matrix(arm, q[i], v[i], skew=True), coriolis, atol=1e-12 * scale)
-
-
-@arms
-def test_kinematics_equals_pinocchios(arm):
+def test_the_model_equals_pinocchios(arm):
+    """The terms, the accelerations of random states and torques, and the points."""
     model = pinocchio_model(arm)
     tip = model.addFrame(pin.Frame("tip", 2, pin.SE3(np.eye(3), np.array([arm.L2, 0, 0])), pin.FrameType.OP_FRAME))
     data = model.createData()
-    for q in states(50)[0]:
+    for q, v, torque in zip(*states(500), strict=True):
+        acceleration = pin.aba(model, data, q, v, torque)
+        scale = np.abs(acceleration).max()
+        np.testing.assert_allclose(rigid.forward_dynamics(arm, q, v, torque), acceleration, atol=1e-11 * scale)
+        inertia = pin.crba(model, data, q)
+        inertia = np.triu(inertia) + np.triu(inertia, 1).T
+        np.testing.assert_allclose(rigid.inertia_matrix(arm, q), inertia, rtol=1e-11)
+        gravity = pin.computeGeneralizedGravity(model, data, q)
+        np.testing.assert_allclose(rigid.gravity_torque(arm, q), gravity, rtol=1e-9, atol=1e-10)
+        coriolis = pin.computeCoriolisMatrix(model, data, q, v)
+        scale = np.abs(coriolis).max()
+        np.testing.assert_allclose(rigid.coriolis_matrix(arm, q, v, skew=True), coriolis, atol=1e-12 * scale)
         pin.framesForwardKinematics(model, data, q)
         points = [data.oMi[1].translation, data.oMi[2].translation, data.oMf[tip].translation]
-        np.testing.assert_allclose(joint_positions(arm, q), np.array(points)[:, :2], atol=1e-12)
+        np.testing.assert_allclose(rigid.joint_positions(arm, q), np.array(points)[:, :2], atol=1e-12)
 
 
 @pytest.mark.parametrize("arm", [TABLE_1, SECTION_2_2])
@@ -143,53 +91,48 @@ def test_the_model_equals_the_papers_equations_as_printed(arm):
         c2, s2 = np.cos(t2), np.sin(t2)
         m12 = m2 * L2**2 + m2 * L1 * L2 * c2
         m11 = m1 * L1**2 + m2 * L2**2 + m2 * L1**2 + 2 * m2 * L1 * L2 * c2
-        np.testing.assert_allclose(inertia_matrix(arm, (t1, t2)), [[m11, m12], [m12, m2 * L2**2]], rtol=1e-13)
+        np.testing.assert_allclose(rigid.inertia_matrix(arm, (t1, t2)), [[m11, m12], [m12, m2 * L2**2]], rtol=1e-13)
         h = m2 * L1 * L2 * s2
         printed = np.array([[-2 * w2 * h, -w2 * h], [w1 * h, 0.0]])
-        np.testing.assert_allclose(coriolis_matrix(arm, (t1, t2), (w1, w2)), printed, rtol=1e-13)
+        np.testing.assert_allclose(rigid.coriolis_matrix(arm, (t1, t2), (w1, w2)), printed, rtol=1e-13)
         g2 = m2 * L2 * g * np.cos(t1 + t2)
         g1 = m1 * L1 * g * np.cos(t1) + m2 * L1 * g * np.cos(t1) + g2
-        np.testing.assert_allclose(gravity_torque(arm, (t1, t2)), [g1, g2], rtol=1e-12, atol=1e-10)
+        np.testing.assert_allclose(rigid.gravity_torque(arm, (t1, t2)), [g1, g2], rtol=1e-12, atol=1e-10)
 
 
-numbers = st.floats(0.05, 50.0)
-angles = st.tuples(st.floats(-10, 10), st.floats(-10, 10))
-share = st.floats(0.0, 1.0)
+def two(low, high):
+    return st.tuples(st.floats(low, high), st.floats(low, high))
+
+
+numbers, angles = st.floats(0.05, 50.0), two(-10, 10)
 anyone = st.builds(
-    ArmParameters, numbers, numbers, numbers, numbers, st.floats(0, 20),
-    st.tuples(st.floats(0.1, 1.0), st.floats(0.1, 1.0)), st.tuples(share, share), st.tuples(share, share),
-)  # fmt: skip
-
-
-@settings(deadline=None)
-@given(anyone, angles)
-def test_inertia_is_symmetric_and_positive_definite(arm, q):
-    """Both leading minors are positive, for links that differ up to a thousandfold."""
-    m = inertia_matrix(arm, q)
-    assert m[0, 1] == m[1, 0]
-    assert m[0, 0] > 0
-    assert m[0, 0] * m[1, 1] - m[0, 1] ** 2 > 0
+    ArmParameters, numbers, numbers, numbers, numbers, st.floats(0, 20), two(0.1, 1.0), two(0, 1), two(0, 1)
+)
 
 
 @settings(deadline=None)
 @given(anyone, angles, angles, angles)
-def test_inverse_and_forward_dynamics_and_regressor_agree(arm, q, v, a):
-    torque = inverse_dynamics(arm, q, v, a)
+def test_inertia_is_positive_definite_and_inverse_and_forward_dynamics_and_regressor_agree(arm, q, v, a):
+    """For links that differ up to a thousandfold."""
+    m = rigid.inertia_matrix(arm, q)
+    assert m[0, 1] == m[1, 0]
+    assert m[0, 0] > 0
+    assert m[0, 0] * m[1, 1] - m[0, 1] ** 2 > 0
+    torque = rigid.inverse_dynamics(arm, q, v, a)
     scale = np.abs(torque).max() + 1e-9
     np.testing.assert_allclose(
-        regressor(q, v, a) @ arm.lumped + np.array(arm.rotor) * a, torque, rtol=1e-10, atol=1e-11 * scale
+        rigid.regressor(q, v, a) @ arm.lumped + np.array(arm.rotor) * a, torque, rtol=1e-10, atol=1e-11 * scale
     )
-    m = inertia_matrix(arm, q)
     tolerance = 1e-13 * np.linalg.cond(m) * (np.abs(a).max() + scale / np.abs(m).max())
-    np.testing.assert_allclose(forward_dynamics(arm, q, v, torque), a, atol=tolerance + 1e-12)
+    np.testing.assert_allclose(rigid.forward_dynamics(arm, q, v, torque), a, atol=tolerance + 1e-12)
 
 
 def test_lumped_parameters_give_each_state_of_a_batch_its_own_arm():
     q, v, a = states(3)
     several = (TABLE_1, SECTION_2_2, TABLE_1.as_rods())
-    together = inverse_dynamics(np.stack([arm.lumped for arm in several]), q, v, a)
+    together = rigid.inverse_dynamics(np.stack([arm.lumped for arm in several]), q, v, a)
     np.testing.assert_array_equal(
-        together, [inverse_dynamics(arm, *x) for arm, *x in zip(several, q, v, a, strict=True)]
+        together, [rigid.inverse_dynamics(arm, *x) for arm, *x in zip(several, q, v, a, strict=True)]
     )
 
 

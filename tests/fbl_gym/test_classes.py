@@ -8,7 +8,6 @@ import pytest
 from benchmarks.policies.spec import resolve
 from benchmarks.run.rollout import make_env, reference_motion
 from fbl_gym import scenarios
-from fbl_gym.interface import class_of
 from fbl_gym.model.arm import TABLE_1, ArmParameters, inverse_dynamics
 from fbl_gym.records.record import ends
 from fbl_gym.scenarios.class_families import conditions, families
@@ -23,18 +22,14 @@ PUSHED = [(robot, family) for robot in CLASSES for family in families(robot)]
 @pytest.mark.parametrize("name", MEMBERS)
 def test_every_scenario_is_of_its_class(name):
     scenario, robot = scenarios.get(name), name.partition("-")[0]
-    kind = CLASSES[robot]
-    assert scenario.name == name
+    kind, joint = CLASSES[robot], scenario.joint
     assert scenario.description.startswith(f"{robot}: ")
+    ours = scenario.name, scenario.control_dt, scenario.sensors, scenario.limits.error, scenario.robot_class
+    assert ours == (name, kind.control_dt, ("position", "velocity"), 0.5, robot)
     assert (scenario.encoder.difference, scenario.actuator.delay_samples) == (1, 1)
-    assert scenario.control_dt == kind.control_dt
-    assert scenario.sensors == ("position", "velocity")
     assert ends(scenario.actuator.lag)[0] > 0
     assert scenario.friction is not None
     assert scenario.parameter_error.payload is not None
-    assert scenario.limits.error == 0.5
-    joint = scenario.joint
-    assert class_of(scenario.control_dt, joint and joint.encoder) == robot
     assert joint is None or joint.encoder == kind.encoder
     assert scenarios.member(name).tier in (robot, f"{robot}-practice", f"{robot}-surprise")
 
@@ -89,14 +84,11 @@ def test_the_task_follows_the_arm(robot, scale):
     arm = CLASSES[robot].arm
     other = dataclasses.replace(arm, m1=scale * arm.m1, m2=scale * arm.m2, rotor=tuple(scale * np.array(arm.rotor)))
     ours, theirs = (Scenario(**conditions(each, robot, "everything", 2)) for each in (arm, other))
-    np.testing.assert_allclose(theirs.actuator.torque_limit, scale * np.array(ours.actuator.torque_limit))
-    for name in ("viscous", "coulomb"):
-        for a, b in zip(getattr(ours.friction, name), getattr(theirs.friction, name), strict=True):
-            np.testing.assert_allclose(ends(b), scale * np.array(ends(a)))
     assert theirs.friction.load == ours.friction.load
-    if ours.joint is not None:
-        for a, b in zip(ours.joint.stiffness, theirs.joint.stiffness, strict=True):
-            np.testing.assert_allclose(ends(b), scale * np.array(ends(a)))
+    follow = [("actuator", "torque_limit"), ("friction", "viscous"), ("friction", "coulomb")]
+    for option, name in (*follow, *([("joint", "stiffness")] if ours.joint is not None else [])):
+        a, b = (np.array([ends(x) for x in getattr(getattr(task, option), name)]) for task in (ours, theirs))
+        np.testing.assert_allclose(b, scale * a)
 
 
 @pytest.mark.parametrize("robot", CLASSES)

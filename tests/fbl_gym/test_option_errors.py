@@ -37,8 +37,8 @@ def with_position_noise(**fields):
         (with_payload(pick_up=2.0, drop=2.0), "drop must be .* than 2, got 2.0"),
         (with_payload(pick_up={"uniform": [0, 2]}, drop=1.0), "greater than 2, got 1"),
         ({"disturbance": {**PULSES, "period": 0.5, "width": 0.6}}, r"width must be .* not above 0\.5"),
-        (with_position_noise(sigma=0.1, snr_db=3.0), "give sigma or snr_db, not both; got sigma=.*snr_db=3"),
-        (with_position_noise(sigma=1, density=1), "give density or another size, not both; got density"),
+        (with_position_noise(sigma=0.1, snr_db=3.0), "give one of sigma, density, snr_db, got .*'sigma': .*'snr_db': 3"),
+        (with_position_noise(sigma=1, density=1), "give one of sigma, density, snr_db, got .*'density'"),
         ({"reference": {"kind": "steps", "low": 1.0, "high": (2.0, 0.0)}}, r"low must not exceed high, got low=\(1.0"),
         ({"reference": SHORT}, "velocity must have the 2 rows"),
         ({"constraints": {"low": (1, -1), "high": (0, 1)}}, r"low must be below high, got low=\(1.0, -1.0\) and high="),
@@ -84,13 +84,17 @@ def with_position_noise(**fields):
         ({"reference": FAST}, r"reference.move_time \+ hold_time must be at least control_dt=0.01 s"),
         # Tasks that cannot be done
         ({"reference": {**SINE, "amplitude": 24.0}}, r"sensors' range, 2 limits.position = 25.13.* from \(-25.5"),
+        ({"reference": {**SINE, "amplitude": {"uniform": [0, 30]}}}, r"must stay .* from \(-31.*to \(28"),
         ({"reference": {"kind": "steps", "low": 25.0, "high": 26.0}}, "got positions from .* to .26.0, 26.0. rad"),
         ({"reference": {"kind": "array", "position": [(1, 0), (0, 13.0)]}}, "limits.position=12.5664 rad of its start"),
         ({"limits": {"position": 0.5}}, "reference must stay within the sensors' range, 2 limits.position = 1 rad"),
         ({"disturbance": {**SINE, "frequency": 251.0}}, "frequency must be at most 250 Hz, a quarter .* 251"),
         ({"disturbance": {**SINE, "frequency": {"uniform": [1, 300]}}}, "disturbance.frequency must be at most 250 Hz"),
         # Names and types
-        ({"scenario": "paper-3c"}, "unknown scenario 'paper-3c'; did you mean .* Nearest"),
+        *[
+            ({"scenario": name}, f"unknown scenario '{name}'; did you mean '{near}'.* Nearest")
+            for name, near in (("paper3a", "paper-3a"), ("everthing-3", "everything-3"), ("servo-nominl", "servo-nominal"))
+        ],
         ({"scenario": 3}, "scenario must be a Scenario, .*got 3"),
         ({"action": "torques"}, "unknown action 'torques'; did you mean 'torque'.* Known: "),
         ({"arm": "tabel-1"}, "unknown arm 'tabel-1'; did you mean 'table-1'"),
@@ -142,9 +146,11 @@ def test_an_unknown_option_is_a_type_error_in_pythons_words(name):
         gym.make(ID, **{f"{name}x": 100})
 
 
-def test_an_unknown_slot_of_the_observation_is_named():
+def test_an_unknown_slot_or_field_is_named():
     with pytest.raises(ValueError, match=r"did you mean 'reference_position'.* Known: "):
         TwoLinkArmEnv().layout["referense_position"]
+    with pytest.raises(ValueError, match="unknown option 'rate'"):
+        TwoLinkArmEnv().scenario.replace(rate=3)
 
 
 def test_an_error_does_not_change_the_next_environment():

@@ -21,6 +21,7 @@ from fbl_gym.kernel.maths.streams import stream_key
 from fbl_gym.kernel.memory import layout as memory
 from fbl_gym.kernel.memory.layout import EVENT_ROWS, FIRST_VARIED, LANES, VARIED
 from fbl_gym.records.descriptions import describe
+from fbl_gym.records.record import merged
 from tests.fbl_gym.declared import FIELDS, LEAVES, NUMBERS, VARYING
 from tests.fbl_gym.episodes import ID, started_batch
 
@@ -51,9 +52,7 @@ def is_fixed(value):
     """Return True if a value is immutable and plain, all through."""
     if dataclasses.is_dataclass(value):
         value = tuple(getattr(value, field.name) for field in dataclasses.fields(value))
-    return (
-        all(map(is_fixed, value)) if isinstance(value, tuple) else value is None or isinstance(value, int | float | str)
-    )
+    return all(map(is_fixed, value)) if isinstance(value, tuple) else isinstance(value, int | float | str | None)
 
 
 @each(LEAVES)
@@ -185,12 +184,6 @@ def choice(field):
     if not field.is_pair:
         return {"choice": list(field.values)}
     return tuple({"choice": both} for both in zip(*field.values, strict=True))
-
-
-def merged(ours, theirs):
-    """Return two dicts of options, or of fields, in one; the second wins."""
-    dicts = [name for name in ours.keys() & theirs if isinstance(ours[name], dict) and isinstance(theirs[name], dict)]
-    return {**ours, **theirs, **{name: merged(ours[name], theirs[name]) for name in dicts}}
 
 
 @functools.cache

@@ -90,11 +90,9 @@ def test_a_ratio_of_centre_or_inertia_is_real_over_nominal_whatever_lengths_and_
     truth, told = env.truth, {name: env._batch.field(f"{name}_ratio") for name in ("centre", "inertia")}
     mass, length = truth.masses, truth.lengths
     masses, lengths = np.array([nominal.m1, nominal.m2]), np.array([nominal.L1, nominal.L2])
-    p1, p2, p3, p4, _ = truth.lumped.T
-    centres = np.stack(
-        [(p4 / nominal.gravity - mass[:, 1] * length[:, 0]) / mass[:, 0], p3 / mass[:, 1] / length[:, 0]], -1
-    )
-    inertias = np.stack([p1 - mass[:, 1] * length[:, 0] ** 2, p2], -1) - mass * centres**2
+    (m1, m2), (L1, _), (p1, p2, p3, p4, _) = mass.T, length.T, truth.lumped.T
+    centres = np.stack([(p4 / nominal.gravity - m2 * L1) / m1, p3 / m2 / L1], -1)
+    inertias = np.stack([p1 - m2 * L1**2, p2], -1) - mass * centres**2
     for name, given, seen, usual, follows in (
         ("centre", centre, centres, nominal.centre * lengths, length / lengths),
         ("inertia", inertia, inertias, nominal.inertia * masses * lengths**2, mass / masses * (length / lengths) ** 2),

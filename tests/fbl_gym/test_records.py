@@ -6,18 +6,7 @@ import numpy as np
 import pytest
 
 from controllers.laws.simple import PdGravity
-from fbl_gym import (
-    Actuator,
-    ArrayDisturbance,
-    FourierReference,
-    Friction,
-    Noise,
-    ParameterError,
-    Payload,
-    Scenario,
-    SensorError,
-    TwoLinkArmEnv,
-)  # fmt: skip
+from fbl_gym import SECTION_2_2, Friction, ParameterError, Scenario, SensorError, TwoLinkArmEnv, options
 from fbl_gym.records.descriptions import describe
 from tests.fbl_gym.declared import TABLE
 
@@ -32,7 +21,8 @@ def test_numbers_pairs_lists_and_arrays_make_equal_records():
     for ratio in ([1, 2, 1, 1], (1, 2, 1, 1), np.array([1.0, 2.0, 1.0, 1.0])):
         assert ParameterError(ratio) == ParameterError({"m2": 2.0})
     assert ParameterError(parameters="m1") == ParameterError(parameters=["m1"])
-    assert ArrayDisturbance(np.array(TABLE)) == ArrayDisturbance([list(row) for row in TABLE])
+    array = options.ArrayDisturbance
+    assert array(np.array(TABLE)) == array([list(row) for row in TABLE])
     assert Scenario(sensors="position") == Scenario(sensors=["position"])
 
 
@@ -43,12 +33,15 @@ def test_a_number_in_single_precision_is_as_it_is_printed():
 
 
 def test_one_value_stands_for_its_record():
-    assert TwoLinkArmEnv(parameter_error=2.0).scenario.parameter_error == ParameterError(ratio=2.0)
-    assert TwoLinkArmEnv(parameter_error={"payload": 3.0}).scenario.parameter_error.payload == Payload(3.0)
-    assert TwoLinkArmEnv(noise={"position": (0.1, 0.2)}).scenario.noise == Noise(position=SensorError((0.1, 0.2)))
-    assert TwoLinkArmEnv(actuator=(10.0, 20.0)).scenario.actuator == Actuator(torque_limit=(10.0, 20.0))
-    assert TwoLinkArmEnv(reference="fourier").scenario.reference == FourierReference()
-    assert TwoLinkArmEnv(arm="section-2-2").scenario.arm.L1 == 20.0
+    for name, value, record in (
+        ("parameter_error", 2.0, ParameterError(ratio=2.0)),
+        ("parameter_error", {"payload": 3.0}, ParameterError(payload=options.Payload(3.0))),
+        ("noise", {"position": (0.1, 0.2)}, options.Noise(position=SensorError((0.1, 0.2)))),
+        ("actuator", (10.0, 20.0), options.Actuator(torque_limit=(10.0, 20.0))),
+        ("reference", "fourier", options.FourierReference()),
+        ("arm", "section-2-2", SECTION_2_2),
+    ):
+        assert getattr(TwoLinkArmEnv(**{name: value}).scenario, name) == record
 
 
 def test_none_switches_an_option_off():
@@ -61,15 +54,12 @@ def test_none_switches_an_option_off():
 
 def test_a_record_does_not_share_the_data_it_was_made_from():
     """Later changes of a dict, list or array change no record; making a record changes none of them."""
-    table, ratio, sensors = np.array(TABLE), {"m1": 2.0}, ["position", "velocity"]
-    error = {"ratio": ratio, "payload": {"mass": 1.0}}
-    options = {"disturbance": {"kind": "array", "torque": table}, "parameter_error": error, "sensors": sensors}
-    env = TwoLinkArmEnv(**options)
+    table, sensors = np.array(TABLE), ["position", "velocity"]
+    error = {"ratio": {"m1": 2.0}, "payload": {"mass": 1.0}}
+    env = TwoLinkArmEnv(disturbance={"kind": "array", "torque": table}, parameter_error=error, sensors=sensors)
     before = env.scenario.to_dict()
     assert error == {"ratio": {"m1": 2.0}, "payload": {"mass": 1.0}}
-    table[:] = 9.0
-    ratio["m1"] = 9.0
-    error["payload"]["mass"] = 9.0
+    table[:] = error["ratio"]["m1"] = error["payload"]["mass"] = 9.0
     sensors.append("acceleration")
     assert env.scenario.to_dict() == before
     assert before["disturbance"]["torque"] == [list(row) for row in TABLE]

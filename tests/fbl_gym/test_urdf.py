@@ -6,7 +6,7 @@ import pytest
 
 from fbl_gym import Scenario, TwoLinkArmEnv
 from fbl_gym.model.arm import inverse_dynamics
-from fbl_gym.model.urdf import RobotFileWarning, load_urdf, read_robot
+from fbl_gym.model.urdf import RobotFileWarning, read_robot
 from fbl_gym.scenarios import as_scenario
 
 pin = pytest.importorskip("pinocchio")  # Windows has none
@@ -124,14 +124,18 @@ def test_the_dynamics_equals_mujocos(file, tmp_path):
 
 
 def test_lengths_gravity_and_tilt(file):
-    arm = load_urdf(file(chain(elbow="0.5 0.1 0")))
+    arm, flat, tilted, turned, plain = (
+        read_robot(file(text)).arm
+        for text in (
+            chain(elbow="0.5 0.1 0"),
+            chain(elbow="0.4 0 0", centre2="0.12 0 0.1").replace("0 1 0", "0 0 1"),
+            chain(base='0 0 1" rpy="0.5 0 0'),
+            chain(axis2="0 -1 0"),
+            chain(),
+        )
+    )
     assert (arm.L1, arm.L2, arm.gravity) == (pytest.approx(0.5), pytest.approx(0.3), pytest.approx(9.81))
-    flat = chain(elbow="0.4 0 0", centre2="0.12 0 0.1").replace("0 1 0", "0 0 1")
-    assert load_urdf(file(flat)).gravity == 0.0
-    tilted = chain().replace('<origin xyz="0 0 1"/>', '<origin xyz="0 0 1" rpy="0.5 0 0"/>')
-    assert load_urdf(file(tilted)).gravity == pytest.approx(9.81 * np.cos(0.5))
-    again = load_urdf(file(chain(axis2="0 -1 0")))
-    assert again == load_urdf(file(chain()))
+    assert (flat.gravity, tilted.gravity, turned) == (0.0, pytest.approx(9.81 * np.cos(0.5)), plain)
 
 
 DRIVEN = chain().replace('effort="1"', 'effort="12"').replace("</limit>", "")
@@ -145,19 +149,13 @@ FRICTION = DRIVEN.replace('velocity="1"/>', 'velocity="1"/><dynamics damping="0.
 )
 def test_an_environment_takes_arm_drives_and_friction_and_says_so(file, text, limit, friction):
     path = file(text)
-    for make in (
-        lambda: TwoLinkArmEnv(arm=path).scenario,
-        lambda: Scenario(arm=path),
-        lambda: as_scenario({"arm": path}),
-    ):
-        with pytest.warns(
-            RobotFileWarning, match=f"(?s)theta1 = .*effort.*: {limit[0]:g}, {limit[1]:g}.*the velocity are not"
-        ):
-            scenario = make()
-        assert scenario.arm == load_urdf(path)
-        assert scenario.actuator.torque_limit == limit
+    message = f"(?s)theta1 = .*effort.*: {limit[0]:g}, {limit[1]:g}.*the velocity are not"
+    for make in (TwoLinkArmEnv, Scenario, lambda arm: as_scenario({"arm": arm})):
+        with pytest.warns(RobotFileWarning, match=message):
+            made = make(arm=path)
+        scenario = getattr(made, "scenario", made)
         read = scenario.friction and (scenario.friction.coulomb[0], scenario.friction.viscous[1])
-        assert read == friction
+        assert (scenario.arm, scenario.actuator.torque_limit, read) == (read_robot(path).arm, limit, friction)
     assert Scenario.from_dict(scenario.to_dict()) == scenario  # without the file
     with pytest.warns(RobotFileWarning):
         given = TwoLinkArmEnv("dfki-c1", arm=path, actuator={"torque_limit": 5.0, "gain": 0.9}, friction=None).scenario
@@ -166,13 +164,14 @@ def test_an_environment_takes_arm_drives_and_friction_and_says_so(file, text, li
 
 def test_names_choose_joints_and_tip(file):
     path = file(chain(extra=THIRD + BEHIND))
-    with pytest.raises(ValueError, match=r"two revolute joints, got shoulder, elbow, wrist.*:SHOULDER,ELBOW"):
-        load_urdf(path)
-    arm = load_urdf(f"{path}:shoulder,elbow,tool")
-    assert arm == load_urdf(file(chain()))
-    assert load_urdf(f"{path}:0.5").L2 == 0.5
-    with pytest.raises(ValueError, match=r"unknown joint or tip in .* 'to'; did you mean 'tool'"):
-        load_urdf(f"{path}:to")
+    for names, message in (
+        ("", r"two revolute joints, got shoulder, elbow, wrist.*:SHOULDER,ELBOW"),
+        (":shoulder,elbow,to", r"unknown joint or tip in .* 'to'; did you mean 'tool'"),
+    ):
+        with pytest.raises(ValueError, match=message):
+            read_robot(f"{path}{names}")
+    arm, longer = (read_robot(f"{path}:shoulder,elbow,{tip}").arm for tip in ("tool", "0.5"))
+    assert (arm, longer.L2) == (read_robot(file(chain())).arm, 0.5)
     with pytest.raises(ValueError, match=r"payload needs the tip"), pytest.warns(RobotFileWarning):
         Scenario(arm=file(NO_TIP), parameter_error={"payload": 1.0})
 
@@ -205,4 +204,4 @@ WEIGHTLESS = chain().replace(inertial(2.0, "0.12 0.02 0", 0.01), "").replace(ine
 )
 def test_a_file_that_does_not_fit_is_refused(file, text, message):
     with pytest.raises(ValueError, match=message):
-        load_urdf(file(text))
+        read_robot(file(text))
