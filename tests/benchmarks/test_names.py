@@ -59,7 +59,7 @@ def test_a_law_of_a_file_with_parts_runs_and_can_be_tuned(law, factory):
     ("text", "form", "source", "attribute", "parts"),
     [
         ("./a+b/law.py", "file", "./a+b/law.py", "", ()), ("a+barrier.py", "file", "a+barrier.py", "", ()),
-        ("a+b/model.zip", "archive", "a+b/model.zip", "", ()), ("./runs/a@b", "folder", "./runs/a", "", ()),
+        ("a+b/model.zip", "archive", "a+b/model.zip", "", ()), ("./runs/a@b", "folder", "./runs/a@b", "", ()),
         ("C:\\laws\\my.py", "file", "C:\\laws\\my.py", "", ()), ("C:\\my.py:Law", "file", "C:\\my.py", "Law", ()),
         ("a:b/law.py:Law", "file", "a:b/law.py", "Law", ()), ("a:b/law.py", "file", "a:b/law.py", "", ()),
         ("package.module:Law@K=1,2", "module", "package.module", "Law", ()), ("ppo-blend@2", "name", "ppo-blend", "", ()),
