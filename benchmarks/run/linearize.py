@@ -391,7 +391,7 @@ def _derivative(
             raise NotLinear("the law jumps at this point")
         if smooth:
             raise NotLinear("the law has no derivative at this point")
-    return slope, wrong.any(axis=0)
+    return slope, np.any(wrong, axis=0)
 
 
 def _differ(one: Array, other: Array, allowed: Array | float = 0.0) -> NDArray[np.bool_]:
