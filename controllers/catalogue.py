@@ -36,6 +36,11 @@ LAWS = (
     ("ladrc", "laws.adrc:Ladrc", "linear active disturbance rejection: no model but the diagonal of the inertia (Gao)"),
     ("lqg", "laws.lqg:Lqg", "optimal regulator with integral action on a Kalman filter"),
     ("lqg-elastic", "laws.lqg_elastic:LqgElastic", "LQG on links, springs, drive and disturbance, position alone"),
+    (
+        "lqg-elastic-scheduled",
+        "laws.scheduled_lqg:LqgElasticScheduled",
+        "a careful and a fast lqg-elastic, mixed by a rule written by hand",
+    ),
     ("h-infinity", "laws.h_infinity:HInfinity", "H-infinity loop shaping, position alone (McFarlane, Glover)"),
     ("rbf-adaptive", "laws.rbf_adaptive:RbfAdaptive", "neural adaptive control with radial basis functions (Lewis)"),
     ("pid-gravity", "laws.simple:PidGravity", "PID with the nominal gravity torque"),

@@ -30,7 +30,7 @@ class PPO:
         n_steps: of each lane in a rollout.
         batch_size: samples of a gradient step.
         n_epochs: passes over a rollout.
-        gamma: discount of a reward one step later.
+        horizon: time over which the discount of later rewards falls to 1 / e [s], about.
         gae_lambda: lambda of the generalised advantage estimate.
         clip_range: largest change of an action's probability, as a ratio less 1.
         std: standard deviation of the first actions.
@@ -39,7 +39,7 @@ class PPO:
 
     def __init__(
         self, envs: Sequence[VectorAdapter], seed: int, *, learning_rate: float, n_steps: int = 16,
-        batch_size: int = 2048, n_epochs: int = 4, gamma: float = 0.95, gae_lambda: float = 0.9,
+        batch_size: int = 2048, n_epochs: int = 4, horizon: float = 0.1, gae_lambda: float = 0.9,
         clip_range: float = 0.2, std: float = 0.5, hidden: Sequence[int] = (64, 64),
     ) -> None:  # fmt: skip
         torch.manual_seed(seed)
@@ -47,7 +47,8 @@ class PPO:
         self._arms = _Arms(envs)
         self._now, self._episode = self._arms.reset(seed), envs[0].unwrapped.scenario.steps  # type: ignore[attr-defined]
         self._rate, self._n_steps, self._batch, self._epochs = learning_rate, n_steps, batch_size, n_epochs
-        self._gamma, self._lambda, self._clip = float(gamma), float(gae_lambda), float(clip_range)
+        self._gamma = round(1.0 - envs[0].decision / horizon, 9)
+        self._lambda, self._clip = float(gae_lambda), float(clip_range)
         self._model = _Model(self._arms.observed, self._now.shape[1], std, hidden)
         self._optimizer = torch.optim.Adam(self._model.parameters(), learning_rate, eps=1e-5, fused=True)
 
