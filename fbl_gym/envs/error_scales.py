@@ -59,13 +59,9 @@ class ErrorScales:
     """
 
     def __init__(
-        self,
-        interface: Interface,
-        slots: Sequence[str] = ("position", "velocity", "preview", "previous_actions"),
-        scales: Sequence[float] = (0.1, 1.0, 10.0),
-        fine: Sequence[float] | None = None,
-        drive: bool = False,
-    ) -> None:
+        self, interface: Interface, slots: Sequence[str] = ("position", "velocity", "preview", "previous_actions"),
+        scales: Sequence[float] = (0.1, 1.0, 10.0), fine: Sequence[float] | None = None, drive: bool = False,
+    ) -> None:  # fmt: skip
         used, every = {*slots, *(f"reference_{name}" for name in _MOTION)}, np.arange(interface.layout.size)
         self.layout = layout = Layout(tuple(slot for slot in interface.layout.slots if slot.name in used))
 

@@ -22,18 +22,27 @@ class _InErrorCoordinates:
 
     device: str
     interface: Interface
+    observation_space: Any
+    single_observation_space: Any
     _batch: Any
     _frames: Any
 
-    def _scale(self, history: int, fine: Any, drive: bool) -> spaces.Box:
-        """Prepare the observations, and return the box of one."""
+    def __init__(
+        self, *arguments: Any, past_actions: int = 1, history: int = 0, fine: Any = None, drive: bool = False,
+        **options: Any,
+    ) -> None:  # fmt: skip
+        super().__init__(*arguments, past_actions=past_actions, **options)  # type: ignore[call-arg]
         fine = None if fine is None else check_pair("fine", fine, above=0)
         self._errors = ErrorScales(self.interface, fine=fine, drive=drive)
         self._history = check_whole("history", history, high=10_000)
         if history and self.device != "cpu":
             raise ValueError(f"history must be 0 with device='cuda', got {history}: stack the tensors in your program")
         bound = np.tile(self._errors.space.high, history + 1)
-        return spaces.Box(-bound, bound)
+        self.observation_space = spaces.Box(-bound, bound)
+        if isinstance(self, VectorEnv):
+            self.single_observation_space = self.observation_space
+            self.observation_space = batch_space(self.single_observation_space, self.num_envs)
+        self._frames = np.zeros(self.observation_space.shape, np.float32)
 
     def reset(self, *, seed: Any = None, options: dict[str, Any] | None = None) -> tuple[Any, dict[str, Any]]:
         """Start episodes; return observations [size], of a batch [num_envs x size], and infos."""
@@ -127,26 +136,9 @@ class TwoLinkArmTrackingEnv(_InErrorCoordinates, TwoLinkArmEnv):
         **options: as in `TwoLinkArmEnv`.
     """
 
-    def __init__(
-        self, scenario: Any = None, *, past_actions: int = 1, history: int = 0, fine: Any = None, drive: bool = False,
-        **options: Any,
-    ) -> None:  # fmt: skip
-        super().__init__(scenario, past_actions=past_actions, **options)
-        self.observation_space = self._scale(history, fine, drive)
-        self._frames = np.zeros(self.observation_space.shape, np.float32)
-
 
 class TwoLinkArmTrackingVectorEnv(_InErrorCoordinates, TwoLinkArmVectorEnv, VectorEnv[Array, Array, Array]):
     """Arms of `TwoLinkArmTrackingEnv`, stepped together, as in `TwoLinkArmVectorEnv`.
 
     `VectorEnv` is named since skrl looks for it among the direct bases.
     """
-
-    def __init__(
-        self, num_envs: int = 1, scenario: Any = None, *, past_actions: int = 1, history: int = 0, fine: Any = None,
-        drive: bool = False, **options: Any,
-    ) -> None:  # fmt: skip
-        super().__init__(num_envs, scenario, past_actions=past_actions, **options)
-        self.single_observation_space = self._scale(history, fine, drive)
-        self.observation_space = batch_space(self.single_observation_space, self.num_envs)
-        self._frames = np.zeros(self.observation_space.shape, np.float32)

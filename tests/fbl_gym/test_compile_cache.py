@@ -9,6 +9,7 @@ import shutil
 import subprocess
 import sys
 from collections import defaultdict
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import grimp
@@ -26,6 +27,13 @@ from fbl_gym.model.arm import inertia_terms
 from fbl_gym.options import Reward
 from fbl_gym.scenarios import Scenario
 
+
+def run(*arguments, cache=None):
+    """Run code in a process of its own, which keeps compiled code in a folder."""
+    environment = {**os.environ, "NUMBA_CACHE_DIR": str(cache)} if cache else None
+    return subprocess.run([sys.executable, "-c", *arguments], env=environment, capture_output=True, text=True)
+
+
 WITHOUT_CACHE = """
 from numba.core import caching
 caching.CacheImpl._locator_classes = []  # as in a container whose file system is read-only
@@ -41,7 +49,7 @@ print(api.STEPS[0]._cache.cache_path or "memory alone")
 
 @pytest.mark.slow
 def test_an_environment_works_without_a_writable_cache():
-    done = subprocess.run([sys.executable, "-c", WITHOUT_CACHE], capture_output=True, text=True)
+    done = run(WITHOUT_CACHE)
     assert done.returncode == 0, done.stderr
     assert done.stdout.splitlines() == ["(12,)", "memory alone"]
     assert done.stderr.count("RuntimeWarning: compiled code cannot be kept") == 1
@@ -60,18 +68,15 @@ print(env.step(np.array([0.1, -0.2]))[0].tobytes().hex())
 @pytest.mark.slow
 def test_processes_share_what_one_has_compiled(tmp_path):
     """Two processes compile at once; a later one compiles nothing."""
-    environment = {**os.environ, "NUMBA_CACHE_DIR": str(tmp_path)}
-    command = [sys.executable, "-c", TOGETHER]
-    pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE}
-    workers = [subprocess.Popen(command, env=environment, text=True, **pipes) for _ in range(2)]
-    outputs = [worker.communicate() for worker in workers]
+    with ThreadPoolExecutor() as threads:
+        workers = [*threads.map(lambda _: run(TOGETHER, cache=tmp_path), range(2))]
     assert [worker.returncode for worker in workers] == [0, 0]
-    assert sum("compiles its code once" in text for _, text in outputs) == 1
+    assert sum("compiles its code once" in worker.stderr for worker in workers) == 1
     files = {path: path.stat().st_mtime_ns for path in tmp_path.rglob("*.nb?")}
     assert files
-    later = subprocess.run(command, env=environment, capture_output=True, text=True, check=True)
-    assert [text for text, _ in outputs] == [later.stdout] * 2
-    assert later.stderr == ""
+    later = run(TOGETHER, cache=tmp_path)
+    assert [worker.stdout for worker in workers] == [later.stdout] * 2
+    assert (later.returncode, later.stderr) == (0, "")
     assert {path: path.stat().st_mtime_ns for path in tmp_path.rglob("*.nb?")} == files
 
 
@@ -112,10 +117,7 @@ def test_readings_are_true_whichever_process_filled_the_cache(tmp_path, order):
     check = "import sys; from benchmarks.cli import doctor; "
     check += "doctor.CLASSES = {name: doctor.CLASSES[name] for name in sys.argv[1].split()}; sys.exit(doctor._check_readings())"
     for classes in (*order.split(), order, " ".join(reversed(order.split()))):
-        command = [sys.executable, "-c", check, classes]
-        done = subprocess.run(
-            command, env={**os.environ, "NUMBA_CACHE_DIR": str(tmp_path)}, capture_output=True, text=True
-        )
+        done = run(check, classes, cache=tmp_path)
         assert done.returncode == 0, done.stdout + done.stderr
 
 

@@ -15,13 +15,10 @@ CHANGES = {
     },
     "events": [{"kind": "pick-up", "time": 0.05, "mass": 3.0}, {"kind": "drive", "time": 0.1, "factor": (1.0, 0.0)}],
 }  # fmt: skip
+DELAYED = {"scenario": "servo-delay-2", "duration": 0.08}
 CASES = {
     "tracking": (TRACKING, 3, {"scenario": "everything-2", "duration": 0.08, "preview": 1}),
-    "history": (
-        TRACKING,
-        3,
-        {"scenario": "servo-delay-2", "duration": 0.08, "history": 2, "fine": 0.01, "drive": True},
-    ),
+    "history": (TRACKING, 3, {**DELAYED, "history": 2, "fine": 0.01, "drive": True}),
     "context": (TRACKING, 3, {"scenario": "everything-2", "duration": 0.08, "context": True}),
     "info": (ID, 3, {"scenario": "everything-2", "duration": 0.1, "info": True}),
     "costs": (ID, 3, {"duration": 0.08, "constraints": TIGHT}),
