@@ -105,14 +105,6 @@ class ErrorScales:
         subtract_and_scale(observations.reshape(-1), self._numbers, out.reshape(-1))
         return out
 
-    def single_precision(self, observations: Array, infos: dict[str, Any] | None = None) -> Any:
-        """Return error coordinates as float32; convert `final_obs` of the infos of a batch, too."""
-        if infos and "final_obs" in infos:
-            final = infos["final_obs"]
-            for lane in np.flatnonzero(infos["_final_obs"]):
-                final[lane] = self(final[lane], np.float32)
-        return self(observations, np.float32)
-
     @property
     def space(self) -> spaces.Box:
         """Return the box of error coordinates, [size] of float32."""

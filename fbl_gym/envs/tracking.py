@@ -47,16 +47,19 @@ class _InErrorCoordinates:
     def reset(self, *, seed: Any = None, options: dict[str, Any] | None = None) -> tuple[Any, dict[str, Any]]:
         """Start episodes; return observations [size], of a batch [num_envs x size], and infos."""
         observations, infos = super().reset(seed=seed, options=options)  # type: ignore[misc]
-        return self._stacked(self._scaled(observations, {}), slice(-self._errors.size)), infos
+        return self._stacked(self._scaled(observations), slice(-self._errors.size)), infos
 
     def step(self, action: Array) -> tuple[Any, Any, Any, Any, dict[str, Any]]:
         """Hold an action [2], of a batch [num_envs x 2], for `control_dt`; see `reset`."""
         observations, rewards, terminated, truncated, infos = super().step(action)  # type: ignore[misc]
-        observations, earlier = self._scaled(observations, infos), slice(self._errors.size, None)
-        if self._history and "final_obs" in infos:
+        final, earlier = infos.get("final_obs"), slice(self._errors.size, None)
+        if final is not None and self.device == "cuda":
+            infos["final_obs"] = self._scaled(final)
+        elif final is not None:
             for lane in np.flatnonzero(infos["_final_obs"]):
-                infos["final_obs"][lane] = np.append(self._frames[lane, earlier], infos["final_obs"][lane])
-        return self._stacked(observations, earlier), rewards, terminated, truncated, infos
+                last = self._scaled(final[lane])
+                final[lane] = np.append(self._frames[lane, earlier], last) if self._history else last
+        return self._stacked(self._scaled(observations), earlier), rewards, terminated, truncated, infos
 
     def state(self) -> Any:
         """Return a copy of the state, see `TwoLinkArmEnv.state`, with the earlier observations."""
@@ -81,13 +84,11 @@ class _InErrorCoordinates:
         self._frames = np.concatenate([frames, observations], axis=-1)
         return self._frames.copy()
 
-    def _scaled(self, observations: Any, infos: dict[str, Any]) -> Any:
-        """Return observations in error coordinates, and change `final_obs` to them."""
-        if self.device == "cpu":
-            return self._errors.single_precision(observations, infos)
-        if "final_obs" in infos:
-            infos["final_obs"] = self._batch.scaled(infos["final_obs"], self._errors.columns)
-        return self._batch.scaled(observations, self._errors.columns)
+    def _scaled(self, observations: Any) -> Any:
+        """Return observations in error coordinates."""
+        if self.device == "cuda":
+            return self._batch.scaled(observations, self._errors.columns)
+        return self._errors(observations, np.float32)
 
 
 class TwoLinkArmTrackingEnv(_InErrorCoordinates, TwoLinkArmEnv):

@@ -21,11 +21,8 @@ import benchmarks
 import controllers
 import fbl_gym
 from fbl_gym.kernel.maths import fastmath
-from fbl_gym.kernel.memory.program import make_program
 from fbl_gym.kernel.step import api
 from fbl_gym.model.arm import inertia_terms
-from fbl_gym.options import Reward
-from fbl_gym.scenarios import Scenario
 
 
 def run(*arguments, cache=None):
@@ -146,16 +143,3 @@ def test_a_change_of_any_source_changes_the_key(tmp_path):
     keys = {step._cache._index_key(None, step.targetctx.codegen()) for step in api.STEPS}
     assert len({step._cache._impl.filename_base for step in api.STEPS}) == len(api.STEPS)
     assert {key[-1] for key in keys} == {fastmath.DIGEST}
-
-
-@pytest.mark.parametrize(
-    ("options", "number"),
-    [
-        ({"parameter_error": 1.3, "actuator": {"delay": 0.01}}, 0), ({"noise": {"position": 1e-3}}, 1),
-        ({"encoder": {"difference": 1}}, 2), ({"joint": {"stiffness": 3000.0, "rotor_inertia": 1.0}}, 3),
-        ({"link": 8.0}, 4),
-    ],
-)  # fmt: skip
-def test_a_scenario_gets_the_step_of_its_class(options, number):
-    program = make_program(Scenario(**options), action="normalized", reward=Reward(), preview=0)
-    assert api.step_number(program.settings) == number

@@ -25,7 +25,7 @@ with contextlib.suppress(ImportError):
 LANES = 37
 BUSY = {"friction": {"coulomb": 10.0, "law": "literal"}, "noise": {"position": 1e-3, "acceleration": 1e-1}}
 CASES = {
-    0: (ID, {"duration": 0.2}),
+    0: (ID, {"duration": 0.2, "parameter_error": 1.3, "actuator": {"delay": 0.01}}),
     1: (ID, {**BUSY, "disturbance": {"kind": "sine", "amplitude": 10.0}, "duration": 0.2, "constraints": TIGHT}),
     2: (ID, {**EVENTFUL, **CHANGES}),
     3: (TRACKING, {"scenario": "servo-elastic-2", "duration": 0.2, "preview": 2}),

@@ -173,7 +173,7 @@ def over_lanes_by_law(function):
         else:
             literally(block, settings, width)
 
-    return smoothly, kernel_njit(named(by_law, function.__name__))
+    return smoothly, kernel_njit(named(by_law, function.__qualname__))
 
 
 @inline_njit

@@ -57,7 +57,7 @@ def over_lanes(function: Any, *constants: Any) -> Any:
         for lane in range(width):
             function(block, settings, lane, *constants)
 
-    return kernel_njit(named(loop, function.__module__.rpartition(".")[2], function.__name__, *constants))
+    return kernel_njit(named(loop, function.__module__, function.__qualname__, *constants))
 
 
 def digest(package: Path) -> str:
