@@ -149,11 +149,7 @@ def disturb(block, settings, tables, width, substep):
                     tau[time, joint, lane] = 0.0
     if settings.disturbance_kind == layout.SINE:
         for time in range(3):
-            for joint in range(2):
-                for lane in range(width):
-                    torque = _sine(block, settings, lane, joint, substep + 0.5 * time)
-                    tau[time, joint, lane] -= torque
-                    block.disturbance[joint, lane] = torque
+            _subtract_sine(block, tau[time], settings, width, substep + 0.5 * time)
     elif settings.disturbance_kind != layout.NO_DISTURBANCE:
         _renew(block, settings, tables, width, substep)
         for time in range(3):
@@ -207,6 +203,16 @@ def _renew(block, settings, tables, width, substep):
             return
     for lane in range(width):
         put(block.disturbance, lane, _pick(block, settings, tables, lane, substep))
+
+
+@kernel_njit
+def _subtract_sine(block, tau, settings, width, substep):
+    """Subtract a sine disturbance from `tau`, the torque at a time."""
+    for joint in range(2):
+        for lane in range(width):
+            torque = _sine(block, settings, lane, joint, substep)
+            tau[joint, lane] -= torque
+            block.disturbance[joint, lane] = torque
 
 
 @kernel_njit
