@@ -74,7 +74,7 @@ def _declare(factory: Callable[..., Agent], folder: Path, data_files: list[Path]
     return factory
 
 
-ppo = _factory("ppo", "PPO on torques, without a law; trained for servo")
+ppo = _factory("ppo", "PPO on torques, without a law; trained for each of the three classes")
 ppo_blend = _factory("ppo-blend", "PPO that mixes a careful and a fast setting of LQG; trained for all three classes")
 sac = _factory("sac", "SAC on torques; trained on everything-2")
 td3 = _factory("td3", "TD3 on torques; trained on everything-2")

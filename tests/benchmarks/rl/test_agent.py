@@ -2,6 +2,7 @@
 
 import dataclasses
 import hashlib
+import shutil
 from itertools import pairwise
 from pathlib import Path
 
@@ -128,7 +129,7 @@ def test_agents_have_three_training_seeds_or_more_and_less_than_10_megabytes():
     assert sum(path.stat().st_size for path in SHIPPED.rglob("*")) < 10e6
 
 
-SLOW = ("ppo-blend",)
+SLOW = ("ppo", "ppo-blend")
 """At 500 Hz and 1 kHz, a validation takes minutes."""
 
 
@@ -144,24 +145,32 @@ def test_an_agent_has_the_validation_error_of_its_description(name):
 
 
 def test_an_agent_of_classes_is_that_of_the_robots_class():
-    (folder,) = folders("ppo", best_seed("ppo"))
-    assert folder.parent.name == "servo"
-    assert policy.ppo(TwoLinkArmEnv("servo-nominal").interface).settings == read(folder)[0]
+    for folder in folders("ppo", best_seed("ppo")):
+        settings = policy.ppo(TwoLinkArmEnv(f"{folder.parent.name}-nominal").interface).settings
+        assert settings == read(folder)[0]
+
+
+def test_an_agent_of_other_classes_is_not_applicable(tmp_path, monkeypatch):
+    shutil.copytree(SHIPPED / "ppo" / "servo", tmp_path / "ppo" / "servo")
+    monkeypatch.setattr(policy, "SHIPPED", tmp_path)
+    factory = policy._factory("ppo", "")
     with pytest.raises(ValueError, match="not applicable: ppo was trained for servo, got a robot like geared"):
-        policy.ppo(TwoLinkArmEnv("geared-nominal").interface)
+        factory(TwoLinkArmEnv("geared-nominal").interface)
 
 
 @pytest.mark.parametrize("name", shipped())
 def test_the_model_card_of_an_agent_has_the_numbers_of_its_description(name):
     page = (Path(__file__).parents[3] / "docs" / "reference" / "agents.md").read_text(encoding="utf-8")
     card = page.partition(f"\n## {name}\n")[2].partition("\n## ")[0]
-    places = {seed: folders(name, seed)[0] for seed in shipped()[name]}
-    agents = {seed: describe(place) for seed, place in places.items()}
-    for seed, agent in agents.items():
-        rows = (places[seed] / "curve.csv").read_text(encoding="utf-8").splitlines()[1:]
-        assert min(rows, key=lambda row: float(row.split(",")[-1])).split(",")[0] == str(agent["steps"])
-    best = agents[best_seed(name)]
-    steps = ", ".join(f"{agent['steps']:,} (seed {seed})" for seed, agent in agents.items())
-    errors = ", ".join(f"{agent['validation_mrad']:.3g}" for agent in agents.values())
-    for text in (getattr(policy, name.replace("-", "_")).__doc__, steps, errors, best["command"], best["machine"]):
-        assert text in card
+    assert getattr(policy, name.replace("-", "_")).__doc__ in card
+    for robot in {place.parent.name for seed in shipped()[name] for place in folders(name, seed)}:
+        places = {seed: next(x for x in folders(name, seed) if x.parent.name == robot) for seed in shipped()[name]}
+        agents = {seed: describe(place) for seed, place in places.items()}
+        for seed, agent in agents.items():
+            rows = (places[seed] / "curve.csv").read_text(encoding="utf-8").splitlines()[1:]
+            assert min(rows, key=lambda row: float(row.split(",")[-1])).split(",")[0] == str(agent["steps"])
+        best = agents[best_seed(name)]
+        steps = ", ".join(f"{agent['steps']:,} (seed {seed})" for seed, agent in agents.items())
+        errors = ", ".join(f"{agent['validation_mrad']:.3g}" for agent in agents.values())
+        for text in (steps, errors, best["command"], best["machine"]):
+            assert text in card
