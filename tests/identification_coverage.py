@@ -66,7 +66,7 @@ def main(argv: Sequence[str] | None = None) -> None:
         with tempfile.TemporaryDirectory() as folder:
             log = move(robot, generator, Path(folder) / "log.csv")
         fit, true = identify([log], scenarios.get(START)), parameters_of(robot)
-        low, high = fit.interval().T
+        low, high = fit.interval.T
         holds[k] = np.where([name in fit.free for name in PARAMETERS], (low <= true) & (true <= high), np.nan)
         missed = [name for name, held in zip(PARAMETERS, holds[k], strict=True) if held == 0]
         print(f"arm {k}: {np.nanmean(holds[k]):4.0%} of {np.isfinite(holds[k]).sum()}; missed: {missed}", flush=True)

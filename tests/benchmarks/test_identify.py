@@ -213,7 +213,7 @@ def test_the_drive_that_has_torque_fixes_the_scale(tmp_path, monkeypatch):
     rows = run(6, robot=robot, seconds=8.0) * [1, 1, 1, 1, 0]
     start = START.replace(arm=dataclasses.replace(START.arm, m1=1.2 * START.arm.m1, m2=1.2 * START.arm.m2))
     found = identify([read(write(tmp_path / "pendubot.csv", rows))], start)
-    low, high = found.interval()[INDEX["p4"]]
+    low, high = found.interval[INDEX["p4"]]
     assert found.passive == (2,)
     assert "gain 1 fixes; gain 2 is unknown" in result.scale_of(found)
     assert 0.998 * low < robot.arm.lumped[3] < 1.002 * high
@@ -241,7 +241,7 @@ def test_the_arm_and_the_zeros_of_a_log_are_found_again(fit):
     for name in fit.free:
         assert fit.parameters[INDEX[name]] == pytest.approx(true[INDEX[name]], rel=0.15, abs=2e-3), name
     assert {"rotor 2", "gain 1", "viscous 1"} <= set(fit.free)
-    widths = np.ptp(fit.interval(), axis=1)[[INDEX[name] for name in fit.free]]
+    widths = np.ptp(fit.interval, axis=1)[[INDEX[name] for name in fit.free]]
     assert (widths > 0).all()
     assert fit.weak == {}
     assert fit.zero == pytest.approx(np.array([(0, 0), ZERO]), abs=5e-3)
@@ -257,7 +257,7 @@ def test_what_a_log_cannot_tell_is_named(tmp_path, monkeypatch):
     robot = ROBOT.replace(friction={"viscous": (0.02, 0.01), "coulomb": (0.1, 5.0)})
     still = [read(write(tmp_path / f"{seed}.csv", run(seed, robot=robot, seconds=6.0))) for seed in (3, 4)]
     found = identify(still, START)
-    assert "slow moves" in found.weak.get("coulomb 2", "") or ends(tuple(found.interval()[INDEX["coulomb 2"]]))[1] > 0.5
+    assert "slow moves" in found.weak.get("coulomb 2", "") or ends(tuple(found.interval[INDEX["coulomb 2"]]))[1] > 0.5
 
 
 # Planning.
