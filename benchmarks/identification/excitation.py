@@ -18,20 +18,18 @@ PERIOD = 10.0  # of the motion [s]
 SHARE = 0.7  # largest torque of a planned motion, as a share of the limit
 
 
-def plan(
-    start: Scenario, centre: Pair, amplitude: Pair, speed: float, dt: float = 0.01
-) -> tuple[dict[str, Array], float]:
+def plan(start: Scenario, centre: Pair, amplitude: Pair, speed: float) -> tuple[dict[str, Array], float]:
     """Return position, velocity, acceleration and torque [n x 2] of a period, and the condition.
 
     The condition number is that of the torques' regressor, each column times the number that it
     stands for, so that all are told with the same relative precision.
 
     Args:
-        start: a scenario of a similar arm; its torque limits hold.
+        start: a scenario of a similar arm, whose torque limits and control rate hold.
         centre: of the motion, where it starts at rest [rad].
         amplitude: largest distance from the centre [rad], within `limits.position` of the scenario.
         speed: largest velocity [rad/s], within `limits.velocity`.
-        dt: time between two samples [s].
+
     """
     amplitude = check_pair("amplitude", amplitude, above=0, high=start.limits.position)
     speed = check_number("speed", speed, above=0, high=start.limits.velocity)
@@ -68,6 +66,6 @@ def plan(
 
     tries = np.random.default_rng(0).normal(size=(60, 2 * rest.shape[1]))
     best = minimize(condition, min(tries, key=condition), method="Nelder-Mead", options={"maxfev": 400}).x
-    time = np.arange(0.0, PERIOD + dt / 2, dt)
+    time = np.arange(0.0, PERIOD + start.control_dt / 2, start.control_dt)
     q, v, a, torque, _ = motion(best, series(time) @ rest)
     return {"time": time, "position": q, "velocity": v, "acceleration": a, "torque": torque}, condition(best)

@@ -238,10 +238,8 @@ def identify(logs: list[Log], start: Scenario, tick: Callable[[str], object] = s
         ratios.append(np.exp(np.log(errors[0] / errors[1]).mean()))
     if (worst := max(ratios)) > MIXED:
         name = logs[data.log[part == np.unique(part)[np.argmax(ratios)]][0]].name
-        raise ValueError(
-            f"logs must be of one robot that does not change, but a model of {name} alone has errors {worst:.1f} times smaller "
-            "than the model of all logs"
-        )
+        alone = f"a model of {name} alone has errors {worst:.1f} times smaller than the model of all logs"
+        raise ValueError(f"logs must be of one robot that does not change, but {alone}")
     tick("held-out error")
     least, trials = _held_out(problem, part % FOLDS, size), {}
     for term, names in TERMS.items():
@@ -309,10 +307,8 @@ def _refuse_mistakes(logs: list[Log], share: float, unexplained: Callable[[list[
     }
     best = min(shares, key=lambda name: shares[name])
     if shares[best] < 0.5 * share:
-        raise ValueError(
-            f"the logs leave {100 * share:.0f} % of the torques unexplained, and {100 * shares[best]:.0f} % with one change: "
-            f"check {best}"
-        )
+        changed = f"{100 * shares[best]:.0f} % with one change: check {best}"
+        raise ValueError(f"the logs leave {100 * share:.0f} % of the torques unexplained, and {changed}")
 
 
 def refuse_meaningless(fit: Fit, start: Scenario, names: Sequence[str]) -> None:

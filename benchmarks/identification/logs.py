@@ -4,7 +4,7 @@ import itertools
 import math
 import re
 import warnings
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -75,7 +75,10 @@ class Log:
 _ITEM = re.compile(rf"(-?)((?:(?:[\d.]+(?:e[-+]?\d+)?|{'|'.join(UNITS)})\*)*)(.*)")
 
 
-def columns(texts: Iterable[str]) -> dict[str, tuple[str, ...]]:
+Columns = Mapping[str, tuple[str, ...]]
+
+
+def columns(texts: Iterable[str]) -> Columns:
     """Return the columns and factors of each signal that texts such as "torque=-u1,0.1*i2" name."""
     mapping: dict[str, tuple[str, ...]] = {}
     for text in texts:
@@ -116,7 +119,7 @@ def _choose(path: Path, signal: str, items: tuple[str, ...], names: list[str]) -
     return {name: size * scale for name, size in chosen.items()}
 
 
-def _signals(path: Path, table: Any, mapping: Mapping[str, tuple[str, ...]]) -> tuple[dict[str, Array], list[str]]:
+def _signals(path: Path, table: Any, mapping: Columns) -> tuple[dict[str, Array], list[str]]:
     """Return the signals of a table [n x number of columns], and the columns in words."""
     signals, remarks = {}, []
     for signal in MEANINGS:
@@ -127,10 +130,8 @@ def _signals(path: Path, table: Any, mapping: Mapping[str, tuple[str, ...]]) -> 
             signals[signal] = np.column_stack(parts).astype(float) * [*columns.values()]
             remarks.append(", ".join(name if size == 1 else f"{size:.4g}*{name}" for name, size in columns.items()))
         elif columns or signal != "velocity":
-            raise ValueError(
-                f"{path}: give {wanted} column{'s' * (wanted - 1)} of {signal} by --signals {signal}=..., got {len(columns)}; "
-                f"there are {', '.join(table.columns)}"
-            )
+            need = f"give {wanted} column{'s' * (wanted - 1)} of {signal} by --signals {signal}=..."
+            raise ValueError(f"{path}: {need}, got {len(columns)}; there are {', '.join(table.columns)}")
     bad = ~np.isfinite(np.hstack([*signals.values()])).all(axis=1)
     if bad.any():
         line = table.index[bad.argmax()]
@@ -138,9 +139,7 @@ def _signals(path: Path, table: Any, mapping: Mapping[str, tuple[str, ...]]) -> 
     return signals, remarks
 
 
-def read(
-    path: Path, mapping: Mapping[str, tuple[str, ...]] | None = None, zero: Array | tuple[float, float] = (0.0, 0.0)
-) -> Log:
+def read(path: Path, mapping: Columns | None = None, zero: Sequence[float] = (0.0, 0.0)) -> Log:
     """Return the log of a file: a text with columns, perhaps packed with gzip, .mat or .parquet.
 
     Args:
