@@ -180,7 +180,7 @@ class _Problem:
         weight = 1.0 / np.sqrt(1.0 + (residual[:-n] / 0.5) ** 2)
         rows = table[:-n].reshape(count, -1, n)
         weighted = rows * weight.reshape(count, -1, 1)
-        part = self.data.log
+        part = self.data.log.astype(int)
         if part.max() < 2:
             part = np.unique(part * 100_000 + (self.data.time / BLOCK + 1e-9).astype(int), return_inverse=True)[1]
         parts = int(part.max()) + 1

@@ -160,7 +160,7 @@ def windows(logs: list[Log], length: float = 0.5, every: float = 0.25, substeps:
     # Two ways of smoothing differ by the error of the states.
     differ = [log.smooth - np.hstack([smooth(log.position, dt, d, 0.12) for d in (0, 1)]) for log in logs]
     spread = np.sqrt(np.mean([np.mean(x**2, axis=0) for x in differ], axis=0)) + 1e-5
-    number = np.repeat(np.arange(len(logs)), [len(s) for s in starts])
+    number: Any = np.repeat(np.arange(len(logs)), [len(s) for s in starts])
     state = np.concatenate([log.smooth[s] for log, s in zip(logs, starts, strict=True)])
     measured = np.concatenate([log.position[s[:, None] + keep] for log, s in zip(logs, starts, strict=True)])
     start = np.concatenate(starts)

@@ -33,8 +33,8 @@ def validate(settings: AdapterSettings, actor: Actor | str, scenarios: Sequence[
     errors = []
     for each in scenarios:
         env = TwoLinkArmVectorEnv(len(VALIDATION), each, preview=settings.previewed(each.control_dt))
-        law = isinstance(actor, str)
-        policy = controllers.make(actor, env.interface) if law else Agent(env.interface, settings, actor)
+        robot = env.interface
+        policy = controllers.make(actor, robot) if isinstance(actor, str) else Agent(robot, settings, actor)
         errors.append(tracking_error(policy, env, VALIDATION, 2 if len(scenarios) == 1 else 1))
     return float(np.mean(errors) if len(scenarios) == 1 else np.exp(np.log(errors).mean()))
 
