@@ -55,10 +55,8 @@ def _factory(name: str, summary: str) -> Callable[..., Agent]:
         of_class = known[best_seed(name) if seed is None else seed]
         folder = of_class.get(name) or of_class.get(interface.robot_class)
         if folder is None:
-            robots = ", ".join(of_class)
-            raise ValueError(
-                f"not applicable: {name} was trained for {robots}, got a robot like {interface.robot_class}"
-            )
+            given = f"a robot like {interface.robot_class}"
+            raise ValueError(f"not applicable: {name} was trained for {', '.join(of_class)}, got {given}")
         return Agent(interface, *read(folder))
 
     factory.__doc__ = summary

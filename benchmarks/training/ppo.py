@@ -56,7 +56,7 @@ class PPO:
         """Return the policy without noise; its first layer scales the observations, too."""
         layers = [module for module in self._model.policy if isinstance(module, nn.Linear)]
         arrays = [[x.detach().numpy().astype(float) for x in (layer.weight, layer.bias)] for layer in layers]
-        mean, std = (x[: self._arms.observed].numpy().astype(float) for x in self._model.scale())
+        mean, std = (x[: self._arms.observed].numpy().astype(float) for x in (self._model.mean, self._model.std))
         weight, bias = arrays[0]
         arrays[0] = [weight / std, bias - weight @ (mean / std)]
         return Actor(tuple((weight, bias) for weight, bias in arrays), "tanh", "clip")
@@ -125,14 +125,13 @@ class _Model(nn.Module):
         super().__init__()
         self.policy, self.value = _network(observed, hidden, 2, 0.01), _network(size, hidden, 1, 1.0)
         self.log_std = nn.Parameter(torch.full((2,), std).log())
-        self._observed = observed
-        self.mean, self.variance, self.count = (
-            nn.Buffer(number) for number in (torch.zeros(size), torch.ones(size), torch.tensor(1e-4))
-        )
+        self._observed, self.count = observed, nn.Buffer(torch.tensor(1e-4))
+        self.mean, self.variance = nn.Buffer(torch.zeros(size)), nn.Buffer(torch.ones(size))
 
-    def scale(self) -> tuple[torch.Tensor, torch.Tensor]:
-        """Return mean and standard deviation of observations; the latter is 0.01 or more."""
-        return self.mean, (self.variance + 1e-4).sqrt()
+    @property
+    def std(self) -> torch.Tensor:
+        """Standard deviation of the observations, which is 0.01 or more [size]."""
+        return (self.variance + 1e-4).sqrt()
 
     def watch(self, x: torch.Tensor) -> None:
         """Take observations into account."""
@@ -144,8 +143,7 @@ class _Model(nn.Module):
 
     def forward(self, x: torch.Tensor) -> tuple[torch.distributions.Normal, torch.Tensor]:
         """Return the distribution of actions, and the values [n]."""
-        mean, std = self.scale()
-        x = (x - mean) / std
+        x = (x - self.mean) / self.std
         policy = self.policy(x[:, : self._observed])
         return torch.distributions.Normal(policy, self.log_std.exp(), validate_args=False), self.value(x)[:, 0]
 
@@ -187,8 +185,8 @@ class _Arms:
         done, last = np.logical_or(terminated, truncated), np.concatenate([observed, self._truth], axis=1)
         if done.any():
             last[done, : self.observed] = np.stack(infos["final_obs"][done])
-        floats = (torch.from_numpy(each).float() for each in (self._see(observed, done), rewards, done, last))
-        now, reward, end, final = floats
+        seen = self._see(observed, done), rewards, done, last
+        now, reward, end, final = (torch.from_numpy(each).float() for each in seen)
         return now, reward, end, torch.from_numpy(done & np.logical_not(terminated)), final
 
     def _see(self, observed: Array, begun: Array) -> Array:
