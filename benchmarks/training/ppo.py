@@ -47,6 +47,8 @@ class PPO:
         self._arms = _Arms(envs)
         self._now, self._episode = self._arms.reset(seed), envs[0].unwrapped.scenario.steps  # type: ignore[attr-defined]
         self._rate, self._n_steps, self._batch, self._epochs = learning_rate, n_steps, batch_size, n_epochs
+        if not horizon > envs[0].decision:
+            raise ValueError(f"horizon must be more than {envs[0].decision:g} s, the time of a decision, got {horizon}")
         self._gamma = round(1.0 - envs[0].decision / horizon, 9)
         self._lambda, self._clip = float(gae_lambda), float(clip_range)
         self._model = _Model(self._arms.observed, self._now.shape[1], std, hidden)
