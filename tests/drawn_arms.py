@@ -13,7 +13,7 @@ from pathlib import Path
 
 import numpy as np
 
-from benchmarks.analysis.transfer import Runs
+from benchmarks.analysis.board import assemble
 from benchmarks.policies.isolation import Failed, run_parallel
 from benchmarks.run.cell import Cell
 from benchmarks.run.loop import LEAST_DELAY, LEAST_PHASE
@@ -86,8 +86,8 @@ def main(argv: Sequence[str] | None = None) -> None:
         choices = result.choices[:1] if result.safe else ()
         cells = Suite("check", (*tuned, *(choice.policy for choice in choices)), (base,), arguments.seeds).cells
         results = [each for each in run(cells).values() if not each.error]
-        names, runs = [each.cell.policy.name for each in results], Runs.of([[each] for each in results])
-        errors, levels = np.exp(runs.logs.mean(axis=(1, 2))), runs.levels[:, 0]
+        board = assemble(results)
+        names, errors, levels = board.policies, board.error().value, board.penalized()[0]
         best = min((i for i, name in enumerate(names) if name in tuned), key=lambda i: levels[i])
         line = f"best of {len(tuned)} laws tuned: {names[best]} {errors[best]:.3g} %"
         if not choices:

@@ -13,13 +13,15 @@ from pathlib import Path
 import numpy as np
 
 from benchmarks.identification.fit import identify
-from benchmarks.identification.logs import Log, read
+from benchmarks.identification.logs import read
 from benchmarks.identification.model import PARAMETERS, parameters_of
 from fbl_gym import scenarios
 from fbl_gym.envs.env import TwoLinkArmEnv
+from fbl_gym.model.arm import Array
 from fbl_gym.scenarios import Scenario
 
 START = "dfki-c1"
+NAMES = ("time_s", "position_1_rad", "position_2_rad", "torque_1_Nm", "torque_2_Nm")
 
 
 def draw(generator: np.random.Generator) -> Scenario:
@@ -38,42 +40,44 @@ def draw(generator: np.random.Generator) -> Scenario:
     )  # fmt: skip
 
 
-def move(robot: Scenario, generator: np.random.Generator, path: Path) -> Log:
-    """Return the log of a robot under two sines a joint, which reverse it often."""
+def move(robot: Scenario, generator: np.random.Generator, size: Sequence[float] = (0.45, 0.3)) -> Array:
+    """Return time, measured positions and commands of a robot under two sines a joint [n x 5]."""
     rate, phase = generator.uniform(2.0, 12.0, (2, 2)), generator.uniform(0.0, 2 * np.pi, (2, 2))
-    time = np.arange(0.0, robot.duration, robot.control_dt)
-    torque = (np.array([0.45, 0.3]) * np.sin(rate * time[:, None, None] + phase)).sum(axis=1)
+    time = np.arange(robot.steps) * robot.control_dt
+    torque = (size * np.sin(rate * time[:, None, None] + phase)).sum(axis=1)
     env = TwoLinkArmEnv(robot, action="torque")
     observation, _ = env.reset(seed=int(generator.integers(2**31)))
     rows = []
     for action in torque.astype(np.float32):
         rows.append(observation[:2])
         observation, *_ = env.step(action)
-    names = ("t", "q1", "q2", "u1", "u2")
-    np.savetxt(path, np.column_stack([time, rows, torque]), delimiter=",", header=",".join(names), comments="")
-    return read(path)
+    return np.column_stack([time, rows, torque])
+
+
+def write(path: Path, rows: Array, names: Sequence[str] = NAMES) -> Path:
+    """Write a log to a file, and return its path."""
+    np.savetxt(path, rows, delimiter=",", header=",".join(names), comments="")
+    return path
 
 
 def main(argv: Sequence[str] | None = None) -> None:
     """Print the arms, then the share of intervals that hold, by number."""
     parser = argparse.ArgumentParser(prog="python -m tests.identification_coverage", description=__doc__)
     parser.add_argument("arms", type=int, metavar="N", help="number of arms")
-    arguments = parser.parse_args(argv)
-    holds = np.full((arguments.arms, len(PARAMETERS)), np.nan)
-    for k in range(arguments.arms):
+    holds = np.full((parser.parse_args(argv).arms, len(PARAMETERS)), np.nan)
+    for k in range(len(holds)):
         generator = np.random.default_rng(k)
         robot = draw(generator)
         with tempfile.TemporaryDirectory() as folder:
-            log = move(robot, generator, Path(folder) / "log.csv")
+            log = read(write(Path(folder) / "log.csv", move(robot, generator)))
         fit, true = identify([log], scenarios.get(START)), parameters_of(robot)
-        low, high = fit.interval().T
+        low, high = fit.interval.T
         holds[k] = np.where([name in fit.free for name in PARAMETERS], (low <= true) & (true <= high), np.nan)
         missed = [name for name, held in zip(PARAMETERS, holds[k], strict=True) if held == 0]
         print(f"arm {k}: {np.nanmean(holds[k]):4.0%} of {np.isfinite(holds[k]).sum()}; missed: {missed}", flush=True)
-    for name, column in zip(PARAMETERS, holds.T, strict=True):
+    for name, column in [*zip(PARAMETERS, holds.T, strict=True), ("all", holds)]:
         if np.isfinite(column).any():
             print(f"{name:10} {np.nanmean(column):4.0%} of {np.isfinite(column).sum()}")
-    print(f"all        {np.nanmean(holds):4.0%} of {np.isfinite(holds).sum()}")
 
 
 if __name__ == "__main__":

@@ -21,7 +21,7 @@ TARGETS = {
 
 TESTS = {
     "arm.py": ("arm",),
-    "physics.py": ("physics", "friction_laws", "stick_slip"),
+    "physics.py": ("physics", "friction"),
     "chain.py": ("flexible", "mujoco"),
 }
 """Names of the files of tests that must fail, by the name of that file."""

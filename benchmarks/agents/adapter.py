@@ -20,15 +20,9 @@ from fbl_gym.records.checks import Pair, check_choice, check_choices, check_numb
 from fbl_gym.records.record import Record, choice, choices, declared, number, pair, whole
 
 ACTIONS = ("torque", "residual", "blend")
-
-PREVIEWED = 5
-"""Number of coming samples of the reference that an agent with preview observes."""
-
-LEAST_SQUARE = 1e-6
-"""Square of a scaled error that an agent with memory cannot tell from zero."""
-
-GATE = 0.1
-"""Share of a torque limit within which a residual fades, so that the law alone brakes there."""
+PREVIEWED = 5  # coming samples of the reference that an agent with preview observes
+LEAST_SQUARE = 1e-6  # square of a scaled error that an agent with memory cannot tell from zero
+GATE = 0.1  # share of a torque limit within which a residual fades, so that the law alone brakes there
 
 
 def _check_law(name: str, value: Any) -> str:
@@ -149,10 +143,10 @@ class AgentAdapter:
             raise ValueError("not applicable: the agent's actions are shares of torque limits, and there are none")
         self._errors = ErrorScales(interface, settings.sensors, settings.scales, settings.fine)
         self._step_size = self._errors.size + 2  # the errors and the action of one earlier step
-        drive = drive_numbers(interface) if settings.drive else ()
-        self._sheet = np.array([*drive, *(_arm(interface) if settings.arm else ())])
-        self.hold = max(1, round(settings.period / interface.control_dt))
-        ahead, reference = settings.previewed(interface.control_dt), interface.layout.reference.reshape(-1, 6)
+        drive, arm = drive_numbers(interface) if settings.drive else (), _arm(interface) if settings.arm else ()
+        self._sheet, dt = np.array([*drive, *arm]), interface.control_dt
+        self.hold = max(1, round(settings.period / dt))
+        ahead, reference = settings.previewed(dt), interface.layout.reference.reshape(-1, 6)
         if ahead >= len(reference):
             raise ValueError(f"not applicable: the agent needs preview={ahead}, got preview={len(reference) - 1}")
         samples = np.ceil(ahead * np.arange(1, PREVIEWED + 1) / PREVIEWED).astype(int) if ahead else reference[:0, 0]
@@ -160,7 +154,6 @@ class AgentAdapter:
         self._ahead_scale = np.resize(np.repeat(settings.scales, 2), self._ahead.size)
         self._remembered = 2 * len(settings.sensors) * (settings.memory > 0)
         self._signals = self._remembered + 2 * (settings.memory > 0 and settings.action == "blend")
-        dt = interface.control_dt
         self._weight, self._mean_weight = (dt / max(time, dt) for time in (settings.memory, settings.integral))
         oldest = max(settings.history, round(settings.reach / (dt * self.hold)))
         ages = np.round(np.geomspace(1, max(1, oldest), settings.history)).astype(int)
@@ -168,24 +161,20 @@ class AgentAdapter:
         self._past = (self._step_size * (ages[:, None] - 1) + np.arange(self._step_size)).ravel()
         self._history = self._step_size * int(ages.max(initial=0))
         self._means, self._finest = 2 * (settings.integral > 0), (settings.fine or settings.scales)[0]
-        self.size = self._errors.size + len(self._past) + self._means + 2 * self._signals
-        self.size += len(self._sheet) + len(self._ahead)
-        self._laws: list[TorqueLaw] = []
-        for name in settings.uses:
-            law = controllers.make(name, interface)
+        more = self._past, self._sheet, self._ahead
+        self.size = self._errors.size + self._means + 2 * self._signals + sum(map(len, more))
+        self._laws: list[Any] = [controllers.make(name, interface) for name in settings.uses]
+        for name, law in zip(settings.uses, self._laws, strict=True):
             if not isinstance(law, TorqueLaw):
                 raise ValueError(f"base must be a law that computes a torque, got {name!r}")
-            self._laws.append(law)
 
     def initial(self, observation: Array) -> State:
         """Return the state at the start of an episode."""
         n = len(observation)
-        history, mean = np.zeros((n, self._history)), np.zeros((n, self._means))
-        laws = tuple(law.initial(observation) for law in self._laws)
-        signals = np.zeros((n, self._signals))
+        history, mean, signals, action = (np.zeros((n, m)) for m in (self._history, self._means, self._signals, 2))
         signals[:, : self._remembered] = self._errors(observation)[:, : self._remembered]
-        squares, age = np.tile(signals**2, 2), np.zeros(n, dtype=int)
-        return AdapterState(history, mean, laws, signals, squares, np.zeros((n, 2)), age)
+        laws = tuple(law.initial(observation) for law in self._laws)
+        return AdapterState(history, mean, laws, signals, np.tile(signals**2, 2), action, np.zeros(n, dtype=int))
 
     def decides(self, state: State) -> Array:
         """Return True for the lanes [n] in which the agent decides now."""
@@ -209,15 +198,11 @@ class AgentAdapter:
         """
         decides = self.decides(state)[:, None]
         action = np.where(decides, np.clip(np.asarray(action, dtype=float), -1.0, 1.0), state.action)
-        history, errors = state.history, self._errors(observation)
-        if self.settings.history:
-            later = np.concatenate([errors, action, history[:, : -self._step_size]], axis=-1)
-            history = np.where(decides, later, history)
-        mean = state.mean
-        if self._means:
-            layout = self.interface.layout
-            error = observation[:, layout["reference_position"]] - observation[:, layout["position"]]
-            mean = mean + self._mean_weight * (error - mean)
+        errors, layout = self._errors(observation), self.interface.layout
+        later = np.concatenate([errors, action, state.history], axis=-1)[:, : self._history]
+        history = np.where(decides, later, state.history)
+        error = observation[:, layout["reference_position"]] - observation[:, layout["position"]]
+        mean = state.mean + self._mean_weight * (error[:, : self._means] - state.mean)
         decided = [law.decide(observation, each) for law, each in zip(self._laws, state.laws, strict=True)]
         torques = [self.interface.saturate(each) for each, _ in decided]
         torque = self._torque(action, observation, torques)

@@ -9,8 +9,6 @@ from __future__ import annotations
 import contextlib
 import io
 import json
-import zipfile
-import zlib
 from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property
@@ -29,10 +27,6 @@ from fbl_gym.reading import LARGEST, read_bytes
 from fbl_gym.records.checks import check_whole
 
 DESCRIPTION, WEIGHTS = "agent.json", "weights.npz"
-_MALFORMED = (
-    ArithmeticError, AttributeError, EOFError, LookupError, OSError, RuntimeError, TypeError, ValueError,
-    zipfile.BadZipFile, zlib.error,
-)  # fmt: skip
 
 
 @dataclass(frozen=True, eq=False)
@@ -108,7 +102,7 @@ def _reading(path: Path) -> Iterator[None]:
     """Turn each error of reading a malformed file into one that names the file."""
     try:
         yield
-    except _MALFORMED as problem:
+    except Exception as problem:  # of json, zipfile, zlib, NumPy or the records
         reason = f"it lacks {problem}" if isinstance(problem, KeyError) else problem
         raise ValueError(f"{path} must be as `fbl-gym train` wrote it: {reason}") from None
 

@@ -55,10 +55,8 @@ def _factory(name: str, summary: str) -> Callable[..., Agent]:
         of_class = known[best_seed(name) if seed is None else seed]
         folder = of_class.get(name) or of_class.get(interface.robot_class)
         if folder is None:
-            robots = ", ".join(of_class)
-            raise ValueError(
-                f"not applicable: {name} was trained for {robots}, got a robot like {interface.robot_class}"
-            )
+            given = f"a robot like {interface.robot_class}"
+            raise ValueError(f"not applicable: {name} was trained for {', '.join(of_class)}, got {given}")
         return Agent(interface, *read(folder))
 
     factory.__doc__ = summary
@@ -74,7 +72,7 @@ def _declare(factory: Callable[..., Agent], folder: Path, data_files: list[Path]
     return factory
 
 
-ppo = _factory("ppo", "PPO on torques, without a law; trained for servo")
+ppo = _factory("ppo", "PPO on torques, without a law; trained for each of the three classes")
 ppo_blend = _factory("ppo-blend", "PPO that mixes a careful and a fast setting of LQG; trained for all three classes")
 sac = _factory("sac", "SAC on torques; trained on everything-2")
 td3 = _factory("td3", "TD3 on torques; trained on everything-2")

@@ -7,8 +7,8 @@ import json
 import pickle
 import re
 import zipfile
-import zlib
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -19,21 +19,21 @@ from controllers.base import Policy
 from fbl_gym.envs.error_scales import WIDEST, ErrorScales
 from fbl_gym.interface import Interface
 from fbl_gym.model.arm import Array, gravity_torque
-from fbl_gym.records.checks import check_choice
 
-MOTION = ("position", "velocity")
-"""The sensors that a model of the error coordinates observes."""
-
-_SLOTS = (*MOTION, "preview")
+MOTION = ("position", "velocity")  # the sensors that a model of the error coordinates observes
 
 _SB3, _CONTRIB = "stable_baselines3", "sb3_contrib"
+
+# Algorithms that `fbl-gym train` takes from SB3, with the package of their class.
 ALGORITHMS = {"sac": _SB3, "td3": _SB3, "tqc": _CONTRIB, "crossq": _CONTRIB}
-"""Algorithms that `fbl-gym train` takes from SB3, with the package of their class."""
+
+
+_NO_ARCHIVE = "must be an archive that stable-baselines3's save wrote"
 
 
 def find_class(algorithm: str) -> Any:
     """Return the class of one of `ALGORITHMS`."""
-    return _import(algorithm, ALGORITHMS[check_choice("algorithm", algorithm, ALGORITHMS)], algorithm)
+    return _import(algorithm, ALGORITHMS[algorithm], algorithm)
 
 
 def _import(user: str, package: str, algorithm: str) -> Any:
@@ -64,10 +64,13 @@ def load_zip(path: str | Path, interface: Interface, trust: bool = False) -> Pol
     except ModuleNotFoundError as problem:
         raise ValueError(f"{path} needs the module {problem.name}, which is not installed") from problem
     except Exception as problem:  # of SB3, torch, zipfile, pickle or the archive's code
-        raise ValueError(
-            f"{path} must be an archive that stable-baselines3's save wrote ({reason_of(problem)})"
-        ) from None
-    model = _normalized(model, statistics(Path(path)))
+        raise ValueError(f"{path} {_NO_ARCHIVE} ({reason_of(problem)})") from None
+    for saved in statistics(Path(path)):
+        try:
+            with saved.open("rb") as file:
+                model = NormalizedModel(model, pickle.load(file))
+        except Exception as problem:  # of pickle, or of the file's code
+            raise ValueError(f"{saved} must be a file that VecNormalize's save wrote ({reason_of(problem)})") from None
     if (tracked := _tracked(model, interface)) is not None:
         return TrackingModel(model, interface, *tracked)
     seen = "TwoLinkArmTracking-v0 or TwoLinkArm-v0, maybe in frame stacks, and with the same preview (add-a-policy.md)"
@@ -95,17 +98,6 @@ def statistics(path: Path) -> list[Path]:
     checkpoint = re.sub(r"(\d+_steps)$", r"vecnormalize_\1", path.stem) + ".pkl"
     names = (checkpoint, f"{path.stem}/vecnormalize.pkl", "vecnormalize.pkl")
     return [file for file in map(path.parent.joinpath, names) if file.is_file()][:1]
-
-
-def _normalized(model: Any, files: list[Path]) -> Any:
-    """Return a model that observes what `VecNormalize` made of its observations in training."""
-    for path in files:
-        try:
-            with path.open("rb") as file:
-                return NormalizedModel(model, pickle.load(file))
-        except Exception as problem:  # of pickle, or of the file's code
-            raise ValueError(f"{path} must be a file that VecNormalize's save wrote ({reason_of(problem)})") from None
-    return model
 
 
 class NormalizedModel:
@@ -145,15 +137,13 @@ class TrackingModel:
     ) -> tuple[Array, Any]:
         """Return the action and the next state, as `controllers.base.Policy.predict`."""
         batch = np.atleast_2d(np.asarray(observation, dtype=float))
-        past, frames, inner = (self._first_actions(batch), None, None) if state is None else state
-        starts = np.ones(len(batch), dtype=bool)
-        if state is not None:
-            starts[:] = False if episode_start is None else episode_start
-            past = np.where(starts[:, None], self._first_actions(batch), past)
+        past, frames, inner = (0.0, 0.0, None) if state is None else state
+        begins = state is None or (False if episode_start is None else episode_start)
+        starts = np.broadcast_to(begins, len(batch))[:, None]
+        past = np.where(starts, self._first_actions(batch), past)
         errors = np.concatenate([self._errors(batch), past], axis=-1).astype(np.float32)[:, None]
         first = np.repeat(self._padding * errors, np.prod(self._shape) // errors.shape[-1], axis=1)
-        frames = first if frames is None else np.where(starts[:, None, None], first, frames)
-        frames = np.concatenate([frames[:, 1:], errors], axis=1)
+        frames = np.concatenate([np.where(starts[..., None], first, frames)[:, 1:], errors], axis=1)
         action, inner = self._model.predict(frames.reshape(-1, *self._shape), inner, episode_start, deterministic)
         past = np.concatenate([action, past], axis=-1)[:, : past.shape[1]]
         return (action if np.ndim(observation) == 2 else action[0]), (past, frames, inner)
@@ -172,14 +162,15 @@ def _tracked(model: Any, interface: Interface) -> tuple[ErrorScales, int] | None
     The bounds of its observations state the options of `TwoLinkArmTrackingEnv`.
     """
     high = np.asarray(getattr(model.observation_space, "high", ()))
+    scales = partial(ErrorScales, interface, (*MOTION, "preview"))
     for drive in (False, True) if interface.action == "normalized" else ():
-        bounds = ErrorScales(interface, _SLOTS, drive=drive).space.high
+        bounds = scales(drive=drive).space.high
         frames = max(1, int(np.sum(high != 1.0)) // int(np.sum(bounds != 1.0)))
         past_actions = max(0, high.size // frames - len(bounds)) // 2
         for place in (2, 2 * frames):  # of the velocity: VecFrameStack repeats each bound, though it joins frames
             ends = high.ravel()[0 : place + 1 : place]
             fine = None if np.all(ends == bounds[0]) else WIDEST / np.sinh(np.clip(ends, 0.1, 99.0), dtype=float)
-            errors = ErrorScales(interface, _SLOTS, fine=fine, drive=drive)
+            errors = scales(fine=fine, drive=drive)
             frame = np.append(errors.space.high, np.ones(2 * past_actions, np.float32))
             stacks = np.tile(frame, (frames, 1)), np.tile(frame, frames), np.repeat(frame, frames)
             if any(np.array_equal(high, stack) for stack in stacks):
@@ -194,8 +185,8 @@ def _class_of(path: str | Path) -> Any:
         with zipfile.ZipFile(path) as archive:
             data = json.loads(archive.read("data"))
         module = str(data["policy_class"]["__module__"])
-    except (zipfile.BadZipFile, zlib.error, LookupError, OSError, RuntimeError, TypeError, ValueError) as problem:
-        raise ValueError(f"{path} must be an archive that stable-baselines3's save wrote ({problem})") from None
+    except Exception as problem:  # of zipfile, zlib or json
+        raise ValueError(f"{path} {_NO_ARCHIVE} ({problem})") from None
     # SAC's network is of stable_baselines3.sac.policies; PPO, A2C and TRPO share another module.
     parts = module.split(".")
     package, folder = parts[0], parts[-2:][0]

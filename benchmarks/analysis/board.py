@@ -1,5 +1,6 @@
 """The board: error, lost runs and rank of each policy of a suite."""
 
+import dataclasses
 import hashlib
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -119,6 +120,11 @@ class Board:
     def split(self, values: Array) -> list[Array]:
         """Return some values of the members [m x ...] as a list of those of each policy."""
         return np.split(values, np.cumsum(self.sizes)[:-1])
+
+    def of_seeds(self, some: slice | Array) -> "Board":
+        """Return the board of some of the seeds, which a slice or a mask [n] chooses."""
+        runs = {name: values[..., some] for name, values in self.runs.items()}
+        return dataclasses.replace(self, seeds=tuple(np.array(self.seeds)[some].tolist()), runs=runs)
 
     @property
     def errors(self) -> Array:
@@ -266,23 +272,18 @@ def assemble(results: Sequence[Result], expected: Sequence[Cell] = ()) -> Board:
         [still[task] if task in errors[row] else stored[spec.name][task].rows for task in tasks]
         for row, some in rows.items() for spec in some
     ]  # fmt: skip
+    names = dict.fromkeys(cell.scenario.name for cell in expected)
+    absent = [name for name in names if name not in tasks]
     keys = sorted(result.cell.key for some in found.values() for result in some)
     return Board(
         rows, tuple(tasks), seeds.pop(),
         runs={name: np.array([[[run[name] for run in cell] for cell in line] for line in table]) for name in METRICS},
         decision_us=np.array([np.median([x.decision_us for x in some if x.rows]) for some in found.values()]),
         incomplete=incomplete,
-        lacking=_lacking(expected, tasks),
+        lacking=f"{len(absent)} of {len(names)} scenarios have no results: {', '.join(absent)}" if absent else "",
         failed={row: some for row, some in errors.items() if some},
         version=hashlib.sha256("".join(keys).encode()).hexdigest()[:12],
     )  # fmt: skip
-
-
-def _lacking(expected: Sequence[Cell], tasks: Sequence[str]) -> str:
-    """Return a sentence on the expected scenarios that have no results; empty: there are none."""
-    names = dict.fromkeys(cell.scenario.name for cell in expected)
-    absent = [name for name in names if name not in tasks]
-    return f"{len(absent)} of {len(names)} scenarios have no results: {', '.join(absent)}" if absent else ""
 
 
 def _members(specs: Iterable[PolicySpec]) -> dict[str, tuple[PolicySpec, ...]]:

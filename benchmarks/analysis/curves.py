@@ -56,9 +56,8 @@ def read_groups(folders: Sequence[Path]) -> tuple[Group, ...]:
             table = pd.read_csv(io.StringIO(read_text(folder / "curve.csv")))
             run = {name: table[name].to_numpy(float) for name in ("steps", "cpu_s", "validation_mrad")}
         except (OSError, ValueError, KeyError, TypeError, AttributeError) as problem:
-            raise ValueError(
-                f"RUN must be a folder of fbl-gym train, got {str(folder)!r} ({reason_of(problem)})"
-            ) from None
+            reason = reason_of(problem)
+            raise ValueError(f"RUN must be a folder of fbl-gym train, got {str(folder)!r} ({reason})") from None
         runs = groups.setdefault(settings, {})
         if seed in runs:
             raise ValueError(f"RUN must differ in settings or seed, got {str(runs[seed][0])!r} and {str(folder)!r}")

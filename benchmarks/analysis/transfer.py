@@ -2,57 +2,12 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from scipy import special
 
+from benchmarks.analysis.board import Board
 from benchmarks.analysis.statistics import TAIL
-from benchmarks.run.metrics import counted_errors, penalize
-from benchmarks.run.store import Result
-from fbl_gym.model.arm import Array
-
-
-@dataclass(frozen=True)
-class Runs:
-    """The runs of policies in one world, [policies x scenarios x runs].
-
-    The errors are in %, at least the encoder's resolution; `diverged` is 1 where a run diverged.
-    """
-
-    error: Array
-    diverged: Array
-
-    @classmethod
-    def of(cls, results: Sequence[Sequence[Result]]) -> "Runs":
-        """Return the runs of results [policies x scenarios]."""
-        diverged = [[[run["diverged"] for run in result.rows] for result in row] for row in results]
-        return cls(np.array([[counted_errors(result.rows) for result in row] for row in results]), np.array(diverged))
-
-    @property
-    def logs(self) -> Array:
-        """Logarithms of the errors."""
-        return np.log(self.error)
-
-    @property
-    def levels(self) -> Array:
-        """Logarithm of the penalized error, by which a board ranks, [policies x scenarios]."""
-        return np.log(penalize(self.error, self.diverged)).mean(axis=-1)
-
-    @property
-    def intervals(self) -> tuple[Array, Array]:
-        """Both ends of a 95 % interval of each policy's mean logarithm, [policies] each.
-
-        Scenarios share their seeds, so each seed gives one mean over the scenarios.
-        """
-        means = self.logs.mean(axis=1)
-        runs = means.shape[-1]
-        half = special.stdtrit(runs - 1, 1 - TAIL) * means.std(axis=-1, ddof=1) / np.sqrt(runs)
-        return means.mean(axis=-1) - half, means.mean(axis=-1) + half
-
-    def __getitem__(self, part: Any) -> "Runs":
-        """Return some of the policies, scenarios and runs."""
-        return Runs(self.error[part], self.diverged[part])
 
 
 @dataclass(frozen=True)
@@ -72,24 +27,31 @@ class Agreement:
     clear_pairs: int
 
 
-def compare_orders(first: Runs, second: Runs) -> Agreement:
-    """Return the agreement between two orders of policies, by their errors.
+def compare_orders(first: Board, second: Board, rows: Sequence[str]) -> Agreement:
+    """Return the agreement between the orders of some rows of two boards, by their errors.
 
-    Two sides separate a pair of policies if its intervals are disjoint on both. A policy whose runs
-    all diverge on both sides has no place in an order.
+    Two boards separate a pair of rows if its 95 % intervals are disjoint on both. Scenarios share
+    their seeds, so each seed gives one mean over scenarios and training seeds. A row whose runs all
+    diverge on both boards has no place in an order.
     """
-    ordered = ~((first.diverged == 1).all(axis=(1, 2)) & (second.diverged == 1).all(axis=(1, 2)))
-    signs, clear = [], []
-    for runs in (first[ordered], second[ordered]):
-        (low, high), mean = runs.intervals, runs.logs.mean(axis=(1, 2))
-        signs.append(np.sign(mean[:, None] - mean[None, :]))
-        clear.append((low[:, None] > high[None, :]) | (high[:, None] < low[None, :]))
-    pairs = np.triu_indices(int(ordered.sum()), 1)
+    signs, clear, lost = [], [], []
+    for board in (first, second):
+        chosen = [board.policies.index(row) for row in rows]
+        errors, diverged = board.split(board.errors), board.split(board.runs["diverged"])
+        lost.append([diverged[i].all() for i in chosen])
+        logs = np.array([np.log(errors[i]).mean(axis=(0, 1)) for i in chosen])
+        seeds, mean = len(board.seeds), logs.mean(axis=1)
+        half = special.stdtrit(seeds - 1, 1 - TAIL) * logs.std(axis=1, ddof=1) / np.sqrt(seeds)
+        differences = mean[:, None] - mean
+        signs.append(np.sign(differences))
+        clear.append(np.abs(differences) > half[:, None] + half)
+    ordered = ~np.all(lost, axis=0)
+    pairs = np.triu(np.outer(ordered, ordered), 1)
     products, both = (signs[0] * signs[1])[pairs], (clear[0] & clear[1])[pairs]
     tau, clear_tau = (float(x.mean()) if x.size else float("nan") for x in (products, products[both]))
     return Agreement(tau, len(products), clear_tau, int(both.sum()))
 
 
-def compare_halves(runs: Runs) -> Agreement:
-    """Return the agreement between the orders of two halves of the seeds, the most for worlds."""
-    return compare_orders(runs[..., 0::2], runs[..., 1::2])
+def compare_halves(board: Board, rows: Sequence[str]) -> Agreement:
+    """Return the agreement between two halves of the seeds, the most that worlds can have."""
+    return compare_orders(board.of_seeds(slice(0, None, 2)), board.of_seeds(slice(1, None, 2)), rows)

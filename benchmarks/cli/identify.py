@@ -126,7 +126,7 @@ def _validate(arguments: argparse.Namespace, judged: list[logs.Log], parameters:
 def _plan(arguments: argparse.Namespace, start: scenarios.Scenario) -> None:
     """Write an exciting motion as CSV and as a scenario."""
     hanging = (-np.pi / 2, 0.0) if start.arm.gravity > 0 else (0.0, 0.0)
-    motion, condition = excitation.plan(start, hanging, arguments.amplitude, arguments.speed, dt=start.control_dt)
+    motion, condition = excitation.plan(start, hanging, arguments.amplitude, arguments.speed)
     columns = {"time_s": motion["time"]}
     for name, unit in (("position", "rad"), ("velocity", "rad_s"), ("acceleration", "rad_s2"), ("torque", "Nm")):
         columns |= {f"{name}_{j + 1}_{unit}": motion[name][:, j] for j in (0, 1)}

@@ -6,7 +6,7 @@ import sys
 from collections.abc import Sequence
 
 from benchmarks.analysis.board import Board, assemble
-from benchmarks.analysis.transfer import Agreement, Runs, compare_halves, compare_orders
+from benchmarks.analysis.transfer import Agreement, compare_halves, compare_orders
 from benchmarks.cli.common import command_line, run_all
 from benchmarks.policies.isolation import CallLimits
 from benchmarks.report import terminal
@@ -97,25 +97,22 @@ def compare_worlds(suite: Suite, arguments: argparse.Namespace) -> int:
         for world in arguments.world
     }
     results = run_all([cell for side in suites.values() for cell in side.cells], arguments)
-    failed = {result.cell.policy.name for result in results.values() if result.error}
-    names = dict.fromkeys(cell.policy.name for cell in suite.cells if cell.policy.name not in failed)
-    runs = {}
-    for side, members in suites.items():
+    boards = {side: assemble([results[cell.id] for cell in some.cells], some.cells) for side, some in suites.items()}
+    for side, board in boards.items():
         say(f"{side}:")
-        terminal.leaderboard(terminal.Screen(), assemble([results[cell.id] for cell in members.cells], members.cells))
-        runs[side] = Runs.of([[results[f"{name}/{task.name}"] for task in members.scenarios] for name in names])
+        terminal.leaderboard(terminal.Screen(), board)
     say(terminal.MEANING)
-    own, *halves = (_tau(compare_halves(some)) for some in runs.values())
-    rows = [
-        (world, _tau(compare_orders(runs["package"], runs[world])), f"{own} / {half}")
-        for world, half in zip(arguments.world, halves, strict=True)
-    ]
+    complete = [{*board.policies} - {*board.failed} for board in boards.values()]
+    names = [name for name in boards["package"].policies if all(name in some for some in complete)]
+    own, *halves = (_tau(compare_halves(board, names)) for board in boards.values())
+    taus = (_tau(compare_orders(boards["package"], boards[world], names)) for world in arguments.world)
+    rows = [(world, tau, f"{own} / {half}") for world, tau, half in zip(arguments.world, taus, halves, strict=True)]
     terminal.show("Kendall's tau (pairs) between the orders by the error", ("world", "tau", "halves"), rows)
     say(
         "tau: of all pairs of rows, and of those that both sides separate. halves: the same between halves of the seeds, "
         "package's arm / world"
     )
-    return 1 if failed else 0
+    return int(any(result.error for result in results.values()))
 
 
 def _tau(agreement: Agreement) -> str:

@@ -1,7 +1,6 @@
 """The command `fbl-gym play`: a window on running arms, on which mouse and keys act."""
 
 import argparse
-import dataclasses
 import math
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator, Sequence
@@ -19,8 +18,8 @@ from fbl_gym.envs.hand import Hand, open_to_hand
 from fbl_gym.model.arm import Array
 from fbl_gym.records.checks import Pair, check_number, check_whole
 from fbl_gym.view import picture
-from fbl_gym.view.picture import BLUE, INK, PAPER, RULE, VERMILLION, Frame, pygame
-from fbl_gym.view.render import View, pair
+from fbl_gym.view.picture import BLUE, INK, PAPER, RULE, VERMILLION, Frame, pair, pygame
+from fbl_gym.view.render import View
 
 SIZE, STRIP, LINE, PAD = 480, 90, 20, 17
 """Width of a picture; heights of a strip with a signal and of a line of text; margin [pixels]."""
@@ -228,8 +227,8 @@ class Game:
         canvas = pygame.Surface(self.size, depth=32)
         canvas.fill(PAPER)
         for arm in self.arms:
-            shown = dataclasses.replace(arm.view.picture(arm.env.truth), title=self.laws[arm.law].name)
-            canvas.blit(pygame.surfarray.make_surface(picture.draw(shown, SIZE).swapaxes(0, 1)), (arm.left, 0))
+            shown = arm.view.frame(arm.env.truth, self.laws[arm.law].name)
+            canvas.blit(pygame.surfarray.make_surface(shown.swapaxes(0, 1)), (arm.left, 0))
             if arm.diverged:
                 picture.write(canvas, "diverged", (arm.left + PAD, 45), LINE, VERMILLION)
         if self.grip is not None:

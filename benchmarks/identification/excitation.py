@@ -14,30 +14,26 @@ from fbl_gym.records.checks import Pair, check_number, check_pair
 from fbl_gym.scenarios import Scenario
 
 HARMONICS = 5
-SHARE = 0.7
-"""Largest torque of a planned motion, as a share of the limit."""
+PERIOD = 10.0  # of the motion [s]
+SHARE = 0.7  # largest torque of a planned motion, as a share of the limit
 
 
-def plan(
-    start: Scenario, centre: Pair, amplitude: Pair, speed: float, period: float = 10.0, dt: float = 0.01, seed: int = 0
-) -> tuple[dict[str, Array], float]:
+def plan(start: Scenario, centre: Pair, amplitude: Pair, speed: float) -> tuple[dict[str, Array], float]:
     """Return position, velocity, acceleration and torque [n x 2] of a period, and the condition.
 
     The condition number is that of the torques' regressor, each column times the number that it
     stands for, so that all are told with the same relative precision.
 
     Args:
-        start: a scenario of a similar arm; its torque limits hold.
+        start: a scenario of a similar arm, whose torque limits and control rate hold.
         centre: of the motion, where it starts at rest [rad].
         amplitude: largest distance from the centre [rad], within `limits.position` of the scenario.
         speed: largest velocity [rad/s], within `limits.velocity`.
-        period: of the motion [s].
-        dt: time between two samples [s].
-        seed: of the search.
+
     """
     amplitude = check_pair("amplitude", amplitude, above=0, high=start.limits.position)
     speed = check_number("speed", speed, above=0, high=start.limits.velocity)
-    rate = 2 * np.pi / period * np.arange(1, HARMONICS + 1)
+    rate = 2 * np.pi / PERIOD * np.arange(1, HARMONICS + 1)
 
     def series(time: Array) -> Array:
         """Return position, velocity and acceleration of each coefficient [3 x n x 2 HARMONICS]."""
@@ -46,7 +42,7 @@ def plan(
         return np.array([np.hstack(pair) for pair in pairs])
 
     rest = null_space(series(np.zeros(1))[:, 0])
-    coarse = series(np.linspace(0.0, period, 201)) @ rest
+    coarse = series(np.linspace(0.0, PERIOD, 201)) @ rest
     parameters = parameters_of(start)
     limit = np.inf if start.actuator.torque_limit is None else SHARE * np.array(start.actuator.torque_limit)
     own = parameters[:10]
@@ -68,10 +64,8 @@ def plan(
         columns = motion(x)[-1].reshape(-1, 10) * weights
         return float(np.linalg.cond(columns[:, own != 0] if start.arm.gravity == 0 else columns))
 
-    generator = np.random.default_rng(seed)
-    tries = generator.normal(size=(60, 2 * rest.shape[1]))
-    best = min(tries, key=condition)
-    best = minimize(condition, best, method="Nelder-Mead", options={"maxfev": 400}).x
-    time = np.arange(0.0, period + dt / 2, dt)
+    tries = np.random.default_rng(0).normal(size=(60, 2 * rest.shape[1]))
+    best = minimize(condition, min(tries, key=condition), method="Nelder-Mead", options={"maxfev": 400}).x
+    time = np.arange(0.0, PERIOD + start.control_dt / 2, start.control_dt)
     q, v, a, torque, _ = motion(best, series(time) @ rest)
     return {"time": time, "position": q, "velocity": v, "acceleration": a, "torque": torque}, condition(best)

@@ -6,6 +6,7 @@ zeros of the angles, as drives are often zeroed where the arm happens to rest.
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from scipy.optimize import least_squares
@@ -18,49 +19,29 @@ from fbl_gym.scenarios import Scenario
 TERMS = {"stiction": ("stiction 1", "stiction 2"), "lag": ("lag",)}
 """Terms that stay if they lower the error of windows that were not fitted."""
 
-STEP = 0.03
-"""Change of a scaled number for a derivative: across many stops of the joints, which are no smooth
-functions of the numbers."""
+STEP = 0.03  # change of a scaled number for a derivative: across many stops of the joints, since these are not smooth
+ZERO_SPREAD = 0.1  # standard deviation of a log's zero of the angles, before its motion is known [rad]
+LOWERS = 0.98  # a term stays if the median held-out error falls to this share, and no fold's rises by over 1 %
+FOLDS = 6  # most parts of the logs that are held out in turn
+PRECISION = 2e-4  # error of the scaled numbers by the steps of the simulation, measured on arms that are known
+BLOCK = 1.0  # length of the parts of one or two logs that are left out in turn [s]
+LEAST_MOTION = 0.01  # least range of an angle; below it, the arm rests and its encoder flickers [rad]
+PLAUSIBLE = 5.0  # largest ratio of a fitted number to that of the starting model
 
-ZERO_SPREAD = 0.1
-"""Standard deviation of a log's zero of the angles, before its motion is known [rad]."""
-
-LOWERS = 0.98
-"""A term stays if the held-out error falls to this share, in the median over the folds, and rises
-by 1 % at most in each."""
-
-FOLDS = 6
-"""Most parts of the logs that are held out in turn."""
-
-PRECISION = 2e-4
-"""Error of the scaled numbers by the steps of the simulation, measured on arms that are known."""
-
-BLOCK = 1.0
-"""Length of the parts of one or two logs that are left out in turn [s]."""
-
-LEAST_MOTION = 0.01
-"""Least range of an angle; below it, the arm rests and its encoder flickers [rad]."""
-
+# Share of the torques that the first fit leaves, beyond which signs, zeros and units are tried.
+# It is 0.1 for simulated arms, and 0.2 to 0.4 for logs of two real ones.
 UNEXPLAINED = 0.6
-"""Share of the torques that the first fit leaves, beyond which signs, zeros and units are tried.
 
-It is 0.1 for simulated arms, and 0.2 to 0.4 for logs of two real ones.
-"""
-
-PLAUSIBLE = 5.0
-"""Largest ratio of a fitted number to that of the starting model."""
+# Error of a log by the model of all logs, relative to its own model's, beyond which robots differ.
+# It is below 2 for each log of two real arms, and 3.9 and more if logs of both are mixed.
+MIXED = 3.0
 
 CHECK = (
     "Check units (rad and N m; degrees and amperes by --signals position=deg torque=0.1*A), signs, zeros (--zero), "
     "the order of the joints, the lengths of --start; or give logs of larger motions"
 )
 
-MIXED = 3.0
-"""Error of a log by the model of all logs, relative to its own model's, beyond which robots differ.
-
-It is below 2 for each log of two real arms, and 3.9 and more if logs of both are mixed.
-"""
-
+# The motion that identifies a number, by the first word of its name.
 EXCITE = {
     "p": "moves of both joints together and against each other, fast and through large angles",
     "rotor": "fast reversals of joint 2 while joint 1 swings",
@@ -71,7 +52,6 @@ EXCITE = {
     "delay": "jumps of the command",
     "lag": "jumps of the command",
 }
-"""The motion that identifies a number, by the first word of its name."""
 
 
 @dataclass(frozen=True)
@@ -81,7 +61,7 @@ class Fit:
     Attributes:
         parameters: the estimate [16]; see `model.PARAMETERS`.
         free: names of the parameters that were estimated.
-        draws: estimates from resampled windows [draws x 16].
+        interval: both ends of each parameter's 90 % interval, from resampled windows [16 x 2].
         zero: angles at which each log's readings are zero [logs x 2] rad.
         weak: estimated parameters that the logs hardly tell, each with the motion that would.
         trials: held-out error with each term, relative to that without it.
@@ -92,20 +72,16 @@ class Fit:
 
     parameters: Array
     free: tuple[str, ...]
-    draws: Array
+    interval: Array
     zero: Array
     weak: dict[str, str]
     trials: dict[str, float]
     passive: tuple[int, ...]
     errors: dict[str, Array]
 
-    def interval(self) -> Array:
-        """Return both ends of each parameter's 90 % interval, which is not below 0 [16 x 2]."""
-        return np.maximum(np.quantile(self.draws, (0.05, 0.95), axis=0), 0.0).T
-
     def estimates(self) -> list[tuple[str, float, Array]]:
         """Return name, estimate and interval [2] of each estimated parameter."""
-        rows = zip(PARAMETERS, self.parameters, self.interval(), strict=True)
+        rows = zip(PARAMETERS, self.parameters, self.interval, strict=True)
         return [row for row in rows if row[0] in self.free]
 
 
@@ -123,6 +99,10 @@ class _Problem:
     tie: float
     scale: Array
 
+    def on(self, windows: Array, **changes: Any) -> "_Problem":
+        """Return the problem of some windows, by a mask."""
+        return replace(self, data=self.data.take(windows), **changes)
+
     def unpack(self, x: Array) -> tuple[Array, Array]:
         """Return parameters [m x 16] and zeros [m x logs x 2] of unknowns [m x n]."""
         p, indices = np.tile(self.first, (len(x), 1)), [INDEX[name] for name in self.free]
@@ -136,16 +116,13 @@ class _Problem:
         p, zero = self.unpack(x)
         return self.data.simulate(p, zero[:, self.data.log], self.data.state + moved) - self.data.measured
 
-    def solve(
-        self, rounds: int = 3, evaluations: int = 15, start: Array | float = 0.05
-    ) -> tuple[Array, Array, Array, Array]:
+    def solve(self, rounds: int, evaluations: int, size: Array) -> tuple[Array, Array, Array, Array]:
         """Return the solution, its residuals, their derivative and the size of the errors [k x 2].
 
         Errors are relative to a size, first the given one, then that of the errors of each round.
         """
         indices, zeros = [INDEX[name] for name in self.free], 2 * (int(self.data.log[-1]) + 1)
         x = prior = np.r_[np.maximum(self.first[indices] / self.scale[indices], 1e-3), np.zeros(zeros)]
-        size = np.array(np.broadcast_to(start, (len(self.data.keep), 2)))
         for _ in range(rounds):
             x, residual, table, left = self._round(x, prior, size, evaluations)
             spread = 1.4826 * np.median(np.abs(left), axis=0)
@@ -183,10 +160,8 @@ class _Problem:
                 table[np.arange(len(table)), :, n + 2 * data.log + j] = moved[..., n + j]
             return np.concatenate([table.reshape(-1, len(x)), np.eye(len(x))])
 
-        found = least_squares(
-            residual, x, derivative, bounds=(low, np.inf), loss="soft_l1", f_scale=0.5, max_nfev=evaluations, xtol=1e-6,
-            ftol=1e-6,
-        )  # fmt: skip
+        ends: dict[str, Any] = {"max_nfev": evaluations, "xtol": 1e-6, "ftol": 1e-6}
+        found = least_squares(residual, x, derivative, (low, np.inf), loss="soft_l1", f_scale=0.5, **ends)
         left = without_state(self.error(found.x[None]))[:, : 2 * k, 0].reshape(-1, k, 2) * size * np.sqrt(k)
         return found.x, found.fun, derivative(found.x), left
 
@@ -245,30 +220,26 @@ def identify(logs: list[Log], start: Scenario, tick: Callable[[str], object] = s
     """
     gravity, given, passive = start.arm.gravity, parameters_of(start), _passive(logs)
     tie = start.arm.L1 / gravity if gravity > 0 else 0.0
-    free: tuple[str, ...] = (
-        "p1", "p2", *(("p4", "p5") if gravity > 0 else ("p3",)), "rotor 2", "coulomb 1", "coulomb 2", "viscous 1", "viscous 2",
-        *(() if passive else ("gain 1",)), "delay",
-    )  # fmt: skip
+    fixed = {"gain 2", *("gain 1" for _ in passive), *(("p3",) if gravity > 0 else ("p4", "p5"))}.union(*TERMS.values())
+    free = tuple(name for name in PARAMETERS if name not in fixed)
     tick("first fit")
     first, share = regress(logs, given, start.arm.L1, gravity)
     _refuse_mistakes(logs, share, lambda logs: regress(logs, given, start.arm.L1, gravity, (first[INDEX["delay"]],))[1])
     data = windows(logs, every=0.5, substeps=2)
     problem = _Problem(data, free, first, tie, _scale(logs, first))
-    x, _, _, size = problem.solve()
+    x, _, _, size = problem.solve(3, 15, np.full((len(data.keep), 2), 0.05))
     problem = replace(problem, first=problem.unpack(x[None])[0][0])
     # Few logs are judged and held out in thirds.
     part = data.log if len(logs) > 2 else 3 * data.log + (2.999 * data.time / data.time.max()).astype(int)
     ratios = []
     for k in np.unique(part):
-        models = [replace(problem, free=names, data=data.take(part == k)) for names in ((), free)]
-        errors = [np.abs(model.fitted(8, size)[1]).mean(axis=(0, 1)) + 1e-4 for model in models]
+        models = [problem.on(part == k, free=names).fitted(8, size) for names in ((), free)]
+        errors = [np.abs(error).mean(axis=(0, 1)) + 1e-4 for _, error in models]
         ratios.append(np.exp(np.log(errors[0] / errors[1]).mean()))
     if (worst := max(ratios)) > MIXED:
         name = logs[data.log[part == np.unique(part)[np.argmax(ratios)]][0]].name
-        raise ValueError(
-            f"logs must be of one robot that does not change, but a model of {name} alone has errors {worst:.1f} times smaller "
-            "than the model of all logs"
-        )
+        alone = f"a model of {name} alone has errors {worst:.1f} times smaller than the model of all logs"
+        raise ValueError(f"logs must be of one robot that does not change, but {alone}")
     tick("held-out error")
     least, trials = _held_out(problem, part % FOLDS, size), {}
     for term, names in TERMS.items():
@@ -283,6 +254,7 @@ def identify(logs: list[Log], start: Scenario, tick: Callable[[str], object] = s
     x, residual, table, _ = last.solve(2, 15, size)
     (parameters,), (zero,) = last.unpack(x[None])
     draws = last.draws(x, residual, table)
+    interval = np.maximum(np.quantile(draws, (0.05, 0.95), axis=0), 0.0).T
     wide = draws.std(axis=0) > 0.3 * np.maximum(np.abs(parameters), 0.1 * last.scale)
     weak = {name: EXCITE["p" if name[0] == "p" else name.split()[0]] for name in free if wide[INDEX[name]]}
     base = last.data.simulate(given[None], np.zeros((1, len(last.data.log), 2)), last.data.state)[0]
@@ -291,7 +263,7 @@ def identify(logs: list[Log], start: Scenario, tick: Callable[[str], object] = s
         "starting model": (base - last.data.measured)[:, -1],
         "standing still": standing_still(last.data),
     }
-    return Fit(parameters, free, draws, zero, weak, trials, passive, ends)
+    return Fit(parameters, free, interval, zero, weak, trials, passive, ends)
 
 
 def standing_still(data: Windows) -> Array:
@@ -335,10 +307,8 @@ def _refuse_mistakes(logs: list[Log], share: float, unexplained: Callable[[list[
     }
     best = min(shares, key=lambda name: shares[name])
     if shares[best] < 0.5 * share:
-        raise ValueError(
-            f"the logs leave {100 * share:.0f} % of the torques unexplained, and {100 * shares[best]:.0f} % with one change: "
-            f"check {best}"
-        )
+        changed = f"{100 * shares[best]:.0f} % with one change: check {best}"
+        raise ValueError(f"the logs leave {100 * share:.0f} % of the torques unexplained, and {changed}")
 
 
 def refuse_meaningless(fit: Fit, start: Scenario, names: Sequence[str]) -> None:
@@ -371,8 +341,8 @@ def _held_out(problem: _Problem, fold: Array, size: Array) -> Array:
     """Return the error of windows of each fold [folds], by the fit to the other folds."""
     costs = []
     for k in np.unique(fold):
-        parameters, _ = replace(problem, data=problem.data.take(fold != k)).fitted(8, size)
-        _, errors = replace(problem, data=problem.data.take(fold == k), free=(), first=parameters).fitted(6, size)
+        parameters, _ = problem.on(fold != k).fitted(8, size)
+        _, errors = problem.on(fold == k, free=(), first=parameters).fitted(6, size)
         costs.append(np.mean(np.sqrt(1.0 + (errors / size) ** 2) - 1.0))
     return np.array(costs)
 

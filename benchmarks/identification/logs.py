@@ -1,9 +1,10 @@
 """Logs of robots: tables of any maker, at a constant rate after reading."""
 
 import itertools
+import math
 import re
 import warnings
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -15,37 +16,24 @@ from benchmarks.identification.tables import read_table
 from fbl_gym.model.arm import Array
 from fbl_gym.records.checks import unknown
 
+# Names of each signal's columns, without units and joints' numbers, the best first.
+# A command is what the drive was told; it goes before a torque, which may be the one that acted.
 MEANINGS = {
     "time": "time t timestamp seconds sec",
     "position": "measuredposition posmeas position pos q theta angle",
     "torque": "command torquecommand taucmd taucon u torque tau effort",
     "velocity": "measuredvelocity velmeas velocity vel dq qdot",
 }
-"""Names of each signal's columns, without units and joints' numbers, the best first.
 
-A command is what the drive was told; it goes before a torque, which may be the one that acted.
-"""
-
+# Factors that `--signals` knows by name; a torque in A takes the torque constant, too.
 UNITS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9, "rad": 1.0, "deg": np.pi / 180, "Nm": 1.0, "A": 1.0}
-"""Factors that `--signals` knows by name; a torque in A takes the torque constant, too."""
 
-SMOOTHING = 0.06
-"""Time over which positions are smoothed by a cubic polynomial [s]."""
-
-STEP = 0.004
-"""Time between two samples after reading, of logs that are no slower [s]."""
-
-MAX_GAP = 10.0
-"""Longest interval between two samples, in median intervals."""
-
-FASTEST, SLOWEST = 1e-5, 0.1
-"""Shortest and longest median interval between two samples [s]; others are of another unit."""
-
-MAX_SPEED = 100.0
-"""Fastest motion between two samples; a faster one is a jump of the reading [rad/s]."""
-
-LEAST_TIME = 2.0
-"""Shortest log [s]."""
+SMOOTHING = 0.06  # time over which positions are smoothed by a cubic polynomial [s]
+STEP = 0.004  # time between two samples after reading, of logs that are no slower [s]
+MAX_GAP = 10.0  # longest interval between two samples, in median intervals
+FASTEST, SLOWEST = 1e-5, 0.1  # median intervals between two samples [s]; others are of another unit
+MAX_SPEED = 100.0  # fastest motion between two samples; a faster one is a jump of the reading [rad/s]
+LEAST_TIME = 2.0  # shortest log [s]
 
 
 def smooth(signal: Array, dt: float, order: int, seconds: float = SMOOTHING) -> Array:
@@ -83,11 +71,14 @@ class Log:
     remarks: tuple[str, ...]
 
 
+# A column, or a unit, with its sign and factors.
 _ITEM = re.compile(rf"(-?)((?:(?:[\d.]+(?:e[-+]?\d+)?|{'|'.join(UNITS)})\*)*)(.*)")
-"""A column, or a unit, with its sign and factors."""
 
 
-def columns(texts: Iterable[str]) -> dict[str, tuple[str, ...]]:
+Columns = Mapping[str, tuple[str, ...]]
+
+
+def columns(texts: Iterable[str]) -> Columns:
     """Return the columns and factors of each signal that texts such as "torque=-u1,0.1*i2" name."""
     mapping: dict[str, tuple[str, ...]] = {}
     for text in texts:
@@ -116,9 +107,8 @@ def _choose(path: Path, signal: str, items: tuple[str, ...], names: list[str]) -
     scale, chosen = 1.0, dict[str, float]()
     for item in items:
         sign, factors, last = _ITEM.fullmatch(item).groups() if item not in names else ("", "", item)  # type: ignore[union-attr]
-        size = float(np.prod([UNITS.get(part) or float(part) for part in factors.split("*")[:-1]])) * (
-            -1 if sign else 1
-        )
+        parts = (UNITS.get(part) or float(part) for part in factors.split("*")[:-1])
+        size = math.prod(parts, start=-1.0 if sign else 1.0)
         if last in UNITS and last not in names:
             scale *= size * UNITS[last]
         elif columns := [last] if last in names else of_joints([_plain(last)]):
@@ -129,7 +119,7 @@ def _choose(path: Path, signal: str, items: tuple[str, ...], names: list[str]) -
     return {name: size * scale for name, size in chosen.items()}
 
 
-def _signals(path: Path, table: Any, mapping: Mapping[str, tuple[str, ...]]) -> tuple[dict[str, Array], list[str]]:
+def _signals(path: Path, table: Any, mapping: Columns) -> tuple[dict[str, Array], list[str]]:
     """Return the signals of a table [n x number of columns], and the columns in words."""
     signals, remarks = {}, []
     for signal in MEANINGS:
@@ -140,21 +130,16 @@ def _signals(path: Path, table: Any, mapping: Mapping[str, tuple[str, ...]]) -> 
             signals[signal] = np.column_stack(parts).astype(float) * [*columns.values()]
             remarks.append(", ".join(name if size == 1 else f"{size:.4g}*{name}" for name, size in columns.items()))
         elif columns or signal != "velocity":
-            raise ValueError(
-                f"{path}: give {wanted} column{'s' * (wanted - 1)} of {signal} by --signals {signal}=..., got {len(columns)}; "
-                f"there are {', '.join(table.columns)}"
-            )
+            need = f"give {wanted} column{'s' * (wanted - 1)} of {signal} by --signals {signal}=..."
+            raise ValueError(f"{path}: {need}, got {len(columns)}; there are {', '.join(table.columns)}")
     bad = ~np.isfinite(np.hstack([*signals.values()])).all(axis=1)
     if bad.any():
-        raise ValueError(
-            f"{path}: numbers must be finite, but {bad.sum()} rows lack one, first line {table.index[bad.argmax()]}"
-        )
+        line = table.index[bad.argmax()]
+        raise ValueError(f"{path}: numbers must be finite, but {bad.sum()} rows lack one, first line {line}")
     return signals, remarks
 
 
-def read(
-    path: Path, mapping: Mapping[str, tuple[str, ...]] | None = None, zero: Array | tuple[float, float] = (0.0, 0.0)
-) -> Log:
+def read(path: Path, mapping: Columns | None = None, zero: Sequence[float] = (0.0, 0.0)) -> Log:
     """Return the log of a file: a text with columns, perhaps packed with gzip, .mat or .parquet.
 
     Args:
@@ -177,18 +162,20 @@ def read(
     dt = max(STEP, round(sample, 4))
     times = np.arange(time[0], time[-1], dt)
     impulse = np.concatenate([np.zeros((1, 2)), np.cumsum(torque[:-1] * steps[:, None], axis=0)])
-    held = np.diff(_at(times, time, impulse), axis=0) / dt  # the mean of the held command over each step
-    even = _at(times[:-1], time, position) + zero
+    at_times = np.column_stack([np.interp(times, time, column) for column in (*position.T, *impulse.T)])
+    even = at_times[:-1, :2] + zero
+    held = np.diff(at_times[:, 2:], axis=0) / dt  # the mean of the held command over each step
     states = np.hstack([smooth(even, dt, order) for order in (0, 1)])
-    counts = _counts(position)
-    velocity = signals.get("velocity")
-    difference, how = (0, "not logged") if velocity is None else _velocity(velocity, position, time)
+    counts, (difference, how) = _counts(position), _velocity(signals.get("velocity"), position, time)
+    peak = np.abs(torque).max(axis=0)
+    full = (np.abs(torque) >= peak * (1 - 1e-9)).sum(axis=0) * (peak > 0)
     remarks = (
         f"columns {'; '.join(found)}" + f"; time is taken to be in {unit}" * (unit != "s"),
         f"{len(time)} samples in {np.ptp(time):.4g} s, {1 / sample:.4g} Hz, intervals of {1e3 * sample:.3g} ms "
         f"(99 %: {1e3 * np.quantile(steps, 0.99):.3g}, longest: {1e3 * steps.max():.3g})",
         "counts per turn: " + ", ".join(f"{n:.0f}" if n else "not found" for n in counts) + f"; velocity: {how}",
-        _commands(torque),
+        f"commands up to {peak[0]:.3g} and {peak[1]:.3g} N m, {full[0]} and {full[1]} samples of them at that value"
+        + ", perhaps a limit" * bool(full.max() > 20),
     )
     rows = frozenset(row.tobytes() for row in np.hstack([position, torque]))
     return Log(path.name, dt, even, states, held, counts, difference, sample, rows, remarks)
@@ -203,9 +190,8 @@ def _times(path: Path, time: Array, column: str, lines: Any) -> tuple[Array, Arr
     if len(time) < 200:
         raise ValueError(f"{path} must have 200 samples or more, got {len(time)}")
     if (back := steps <= 0).any():
-        raise ValueError(
-            f"{path}: time must increase, but {back.sum()} rows do not, first line {lines[1:][back][0]}: delete them"
-        )
+        line = lines[1:][back][0]
+        raise ValueError(f"{path}: time must increase, but {back.sum()} rows do not, first line {line}: delete them")
     sample = float(np.median(steps))
     named = re.findall(r"(?<![a-z])(?:ms|us|ns)(?![a-z])", column)
     unit = next((unit for unit in (*named, "s", "ms", "us", "ns") if FASTEST <= sample * UNITS[unit] <= SLOWEST), "s")
@@ -214,11 +200,10 @@ def _times(path: Path, time: Array, column: str, lines: Any) -> tuple[Array, Arr
         raise ValueError(f"{path}: time must be in s, {FASTEST:g} to {SLOWEST:g} s a sample, got {sample:g}")
     if time[-1] + 1.001 * sample < LEAST_TIME:
         raise ValueError(f"{path} must be at least {LEAST_TIME:g} s long, got {time[-1]:.4g} s")
-    if (most := float(steps.max())) > MAX_GAP * sample:
-        raise ValueError(
-            f"{path} has a gap of {most:.3g} s after {time[steps.argmax()]:g} s: cut it there into two logs, before line "
-            f"{lines[steps.argmax() + 1]}"
-        )
+    last = steps.argmax()
+    if steps[last] > MAX_GAP * sample:
+        gap = f"a gap of {steps[last]:.3g} s after {time[last]:g} s"
+        raise ValueError(f"{path} has {gap}: cut it there into two logs, before line {lines[last + 1]}")
     return time, steps, sample, unit
 
 
@@ -226,25 +211,12 @@ def _refuse_faults(path: Path, position: Array, steps: Array) -> None:
     """Raise an error if a reading stays the same or jumps."""
     fastest = (np.abs(np.diff(position, axis=0)) / steps[:, None]).max(axis=0)
     for joint, speed in enumerate(fastest, 1):
+        name = f"{path}: position {joint}"
         if speed == 0.0:
-            raise ValueError(
-                f"{path}: position {joint} does not change: its encoder is unplugged, or the column is another one"
-            )
+            raise ValueError(f"{name} does not change: its encoder is unplugged, or the column is another one")
         if speed > MAX_SPEED:
-            raise ValueError(
-                f"{path}: position {joint} must not jump, got {speed:.3g} rad/s: unplugged, turns not unwrapped, or degrees "
-                "(--signals position=deg)"
-            )
-
-
-def _commands(torque: Array) -> str:
-    """Return a sentence on the largest commands, and how often they occur."""
-    peak = np.abs(torque).max(axis=0)
-    full = (np.abs(torque) >= peak * (1 - 1e-9)).sum(axis=0) * (peak > 0)
-    return (
-        f"commands up to {peak[0]:.3g} and {peak[1]:.3g} N m, "
-        f"{full[0]} and {full[1]} samples of them at that value" + (", perhaps a limit" if full.max() > 20 else "")
-    )
+            causes = "unplugged, turns not unwrapped, or degrees (--signals position=deg)"
+            raise ValueError(f"{name} must not jump, got {speed:.3g} rad/s: {causes}")
 
 
 def refuse_twice(logs: Iterable[Log]) -> None:
@@ -254,11 +226,6 @@ def refuse_twice(logs: Iterable[Log]) -> None:
             raise ValueError(f"each log must be given once, but {one.name} and {other.name} have the same samples")
 
 
-def _at(times: Array, time: Array, signal: Array) -> Array:
-    """Return a signal [n x m] at other times, interpolated."""
-    return np.column_stack([np.interp(times, time, column) for column in signal.T])
-
-
 def _counts(position: Array) -> Array:
     """Return the readings per turn of each joint [2]; 0 where they are no multiples of a step."""
     counts = np.zeros(2)
@@ -266,15 +233,17 @@ def _counts(position: Array) -> Array:
         levels = np.unique(column)
         steps = np.diff(levels)
         steps = steps[steps > 1e-9]
-        step = steps.min()
-        whole = np.abs(steps / step - np.round(steps / step)) < 0.05
+        multiples = steps / steps.min()
+        whole = np.abs(multiples - np.round(multiples)) < 0.05
         if whole.mean() > 0.95 and len(levels) < 0.9 * len(column):
-            counts[joint] = 2 * np.pi / np.median(steps[np.round(steps / step) == 1])
+            counts[joint] = 2 * np.pi / np.median(steps[np.round(multiples) == 1])
     return counts
 
 
-def _velocity(velocity: Array, position: Array, time: Array) -> tuple[int, str]:
+def _velocity(velocity: Array | None, position: Array, time: Array) -> tuple[int, str]:
     """Return the samples of the difference that the velocity is, and how it was computed."""
+    if velocity is None:
+        return 0, "not logged"
     for n in range(1, 9):
         difference = (position[n:] - position[:-n]) / (time[n:] - time[:-n])[:, None]
         if np.median(np.abs(difference - velocity[n:])) < 0.05 * np.median(np.abs(velocity)):

@@ -20,18 +20,17 @@ from fbl_gym.model.arm import ArmParameters, Array, regressor
 from fbl_gym.records.record import middle
 from fbl_gym.scenarios import Scenario
 
-V_S = 0.04
-"""Scale of the squared velocity at which stiction fades [(rad/s)^2]."""
+V_S = 0.04  # scale of the squared velocity at which stiction fades [(rad/s)^2]
+POINTS = 10  # comparisons in a window, at equal times
+PAD = 60  # samples before each log in which its first command acts
+DELAYS = tuple(np.arange(0.0, 0.025, 0.004))  # that a linear fit tries [s]
 
+# The numbers of an arm. p1 includes the first rotor, from which no motion tells it apart.
+# Torques are in N m, inertias in kg m^2, delay and lag in s; gains are real / nominal.
 PARAMETERS = (
     "p1", "p2", "p3", "p4", "p5", "rotor 2", "coulomb 1", "coulomb 2", "viscous 1", "viscous 2", "stiction 1", "stiction 2",
     "gain 1", "gain 2", "delay", "lag",
 )  # fmt: skip
-"""The numbers of an arm. p1 includes the first rotor, from which no motion tells it apart.
-
-Torques are in N m, inertias in kg m^2, delay and lag in s; gains are real / nominal.
-"""
-
 INDEX = {name: i for i, name in enumerate(PARAMETERS)}
 
 
@@ -139,13 +138,6 @@ class Windows:
         return np.nan_to_num(out, nan=1e3, posinf=1e3, neginf=-1e3).clip(-1e3, 1e3)
 
 
-POINTS = 10
-"""Comparisons in a window, at equal times."""
-
-PAD = 60
-"""Samples before each log in which its first command acts."""
-
-
 def windows(logs: list[Log], length: float = 0.5, every: float = 0.25, substeps: int = 4) -> Windows:
     """Return the windows of logs of one rate.
 
@@ -157,9 +149,8 @@ def windows(logs: list[Log], length: float = 0.5, every: float = 0.25, substeps:
     """
     dt = logs[0].dt
     if any(log.dt != dt for log in logs):
-        raise ValueError(
-            f"logs must have one rate, got {', '.join(f'{log.name} {1 / log.sample:.4g} Hz' for log in logs)}"
-        )
+        rates = ", ".join(f"{log.name} {1 / log.sample:.4g} Hz" for log in logs)
+        raise ValueError(f"logs must have one rate, got {rates}")
     keep = np.unique(np.round(np.linspace(0, length / dt, POINTS + 1)[1:]).astype(int))
     command = np.concatenate([part for log in logs for part in (np.repeat(log.torque[:1], PAD, axis=0), log.torque)])
     starts = [np.arange(0, len(log.position) - keep[-1], max(1, round(every / dt))) for log in logs]
@@ -169,12 +160,11 @@ def windows(logs: list[Log], length: float = 0.5, every: float = 0.25, substeps:
     # Two ways of smoothing differ by the error of the states.
     differ = [log.smooth - np.hstack([smooth(log.position, dt, d, 0.12) for d in (0, 1)]) for log in logs]
     spread = np.sqrt(np.mean([np.mean(x**2, axis=0) for x in differ], axis=0)) + 1e-5
-    return Windows(
-        dt, keep, spread, substeps, command, np.concatenate([log.smooth[s] for log, s in zip(logs, starts, strict=True)]),
-        np.concatenate([log.position[s[:, None] + keep] for log, s in zip(logs, starts, strict=True)]),
-        np.concatenate([s + offset for s, offset in zip(starts, offsets, strict=True)]),
-        np.repeat(np.arange(len(logs)), list(map(len, starts))), np.concatenate(starts) * dt,
-    )  # fmt: skip
+    number: Any = np.repeat(np.arange(len(logs)), [len(s) for s in starts])
+    state = np.concatenate([log.smooth[s] for log, s in zip(logs, starts, strict=True)])
+    measured = np.concatenate([log.position[s[:, None] + keep] for log, s in zip(logs, starts, strict=True)])
+    start = np.concatenate(starts)
+    return Windows(dt, keep, spread, substeps, command, state, measured, start + offsets[number], number, start * dt)
 
 
 def torque_columns(q: Array, v: Array, a: Array) -> Array:
@@ -182,10 +172,6 @@ def torque_columns(q: Array, v: Array, a: Array) -> Array:
     none, sign = np.zeros(len(q)), np.tanh(v / 0.1)
     more = (none, a[:, 1]), (sign[:, 0], none), (none, sign[:, 1]), (v[:, 0], none), (none, v[:, 1])
     return np.concatenate([regressor(q, v, a), np.moveaxis(np.array(more), (0, 1, 2), (2, 1, 0))], axis=-1)
-
-
-DELAYS = tuple(np.arange(0.0, 0.025, 0.004))
-"""Delays that a linear fit tries [s]."""
 
 
 def regress(

@@ -16,12 +16,15 @@ import contextlib
 import multiprocessing
 import os
 import pickle
+import random
+import select
 import signal
 import socket
 import subprocess
 import sys
 import tempfile
 import threading
+import warnings
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from concurrent.futures.process import BrokenProcessPool
@@ -29,9 +32,14 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import IO, Any, TypeVar
 
-from benchmarks.text import reason_of, say
+import numpy as np
+
+from benchmarks.text import reason_of, say, text_of
 from fbl_gym.records.checks import check_number
 from fbl_gym.records.record import set_fields
+
+with contextlib.suppress(ImportError):  # Windows
+    import resource
 
 MOST_PRINTED = 20_000
 """Bytes of a call's prints that are shown, when it has ended."""
@@ -122,9 +130,8 @@ def _call(files: Sequence[IO[bytes]], seconds: float) -> int:
     if os.name != "posix":
         request, answer, prints = files
         try:
-            return subprocess.run(
-                _command(""), stdin=request, stdout=answer, stderr=prints, timeout=seconds, check=False
-            ).returncode
+            files_of: dict[str, Any] = {"stdin": request, "stdout": answer, "stderr": prints}
+            return subprocess.run(_command(""), timeout=seconds, check=False, **files_of).returncode
         except subprocess.TimeoutExpired:
             raise late from None
     with _SERVING:
@@ -200,25 +207,93 @@ def _search_path() -> list[str]:
     return [*standard, *(folder for folder in sys.path if folder and folder not in standard)]
 
 
+INTERVAL = 0.005
+"""Time between two looks at the call [s]."""
+
+MOST_WRITTEN = 1_000_000_000
+"""Size of the largest file that a call may write, its prints included [bytes]."""
+
+
+def _divide(parent: socket.socket) -> list[int]:
+    """Divide for each request; return its three files in the process that runs the call alone.
+
+    The parent gets the number of that process, and its exit status when it has ended.
+    """
+    while True:
+        request, files, _, _ = socket.recv_fds(parent, 1, 3)
+        if not request:
+            os._exit(0)
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", DeprecationWarning)  # the threads of a library, which expects a fork
+            call = os.fork()
+        if not call:
+            os.setsid()
+            with contextlib.suppress(ValueError):  # this process may have a lower limit
+                limits = MOST_WRITTEN, resource.getrlimit(resource.RLIMIT_FSIZE)[1]
+                resource.setrlimit(resource.RLIMIT_FSIZE, limits)
+            parent.send(os.getpid().to_bytes(4, "little"))
+            parent.close()
+            return files
+        for file in files:
+            os.close(file)
+        done = status = 0
+        while not done:
+            if select.select([parent], [], [], INTERVAL)[0]:
+                os.kill(call, signal.SIGKILL)  # perhaps it has no group yet
+                end_group(call)
+                os._exit(1)
+            done, status = os.waitpid(call, os.WNOHANG)
+        end_group(call)
+        code = os.waitstatus_to_exitcode(status)
+        parent.send((code if code >= 0 else 128 - code).to_bytes(4, "little"))
+
+
+def serve(connection: str) -> None:
+    """Run each call that the parent asks for in a process of its own, which ends with it.
+
+    `connection` is the descriptor of the socket; empty on Windows, where the standard files are
+    those of one call.
+    """
+    request_file, answer_file, prints = _divide(socket.socket(fileno=int(connection))) if connection else (0, 1, 2)
+    request, answer = os.fdopen(os.dup(request_file), "rb"), os.fdopen(os.dup(answer_file), "wb")
+    for file, place in ((os.open(os.devnull, os.O_RDONLY), 0), (prints, 1), (prints, 2)):
+        os.dup2(file, place)
+    random.seed()
+    np.random.seed()  # noqa: NPY002  a policy may use it, and all calls of the server share its state
+    try:
+        folder, variables, path, limits = pickle.load(request)
+        os.environ.update(variables)
+        sys.path[:] = path
+        os.chdir(folder)  # the policy may be named by a relative path
+        function, arguments = pickle.load(request)
+        if limits.gigabytes is not None:
+            resource.setrlimit(resource.RLIMIT_DATA, (int(1e9 * limits.gigabytes),) * 2)
+        reply = pickle.dumps((None, False, function(*arguments)))
+    except BaseException as problem:
+        text = text_of(problem) if isinstance(problem, ValueError | Failed) else reason_of(problem)
+        reply = pickle.dumps((text, isinstance(problem, ValueError), None))
+    if os.name == "posix":
+        resource.setrlimit(resource.RLIMIT_FSIZE, resource.getrlimit(resource.RLIMIT_FSIZE)[1:] * 2)
+    answer.write(reply)
+    answer.flush()
+    os._exit(0)  # whatever threads the policy has started
+
+
 def run_parallel(
     function: Callable[[Item], Answer], items: Sequence[Item], workers: int = 1
 ) -> Iterator[tuple[Item, Answer | Failed]]:
     """Yield each item with its answer, in any order. All processes end with the iterator.
 
-    With a worker that dies, all calls that are not finished have an error as their answer.
+    A worker that dies ends all of them: calls that are not finished have an error as their answer.
 
     Args:
         function: of a module, or a `partial` of one.
         items: plain data.
         workers: number of processes; 1: this one.
     """
-    return _run_in_pool(function, items, workers) if workers > 1 else ((item, function(item)) for item in items)
-
-
-def _run_in_pool(
-    function: Callable[[Item], Answer | Failed], items: Sequence[Item], workers: int
-) -> Iterator[tuple[Item, Answer | Failed]]:
-    """Call a function in worker processes. A dead worker ends all of them."""
+    if workers <= 1:
+        yield from ((item, function(item)) for item in items)
+        return
     others = set(multiprocessing.active_children())
     with _starting():
         pool = ProcessPoolExecutor(workers, multiprocessing.get_context("spawn"), _begin)
@@ -226,10 +301,12 @@ def _run_in_pool(
     try:
         for future in as_completed(futures):
             try:
-                answer = future.result()
+                yield futures[future], future.result()
             except BrokenProcessPool:
-                answer = Failed("a worker process died, perhaps for lack of memory; the same command goes on")
-            yield futures[future], answer
+                yield (
+                    futures[future],
+                    Failed("a worker process died, perhaps for lack of memory; the same command goes on"),
+                )
     finally:
         processes = set(multiprocessing.active_children()) - others
         pool.shutdown(wait=False)
@@ -242,14 +319,13 @@ def _run_in_pool(
 @contextlib.contextmanager
 def _starting() -> Iterator[None]:
     """Let a process that starts now import no standard module from the current folder."""
-    before = os.environ.get("PYTHONSAFEPATH")
+    before = dict(os.environ)
     os.environ["PYTHONSAFEPATH"] = "1"
     try:
         yield
     finally:
         del os.environ["PYTHONSAFEPATH"]
-        if before is not None:
-            os.environ["PYTHONSAFEPATH"] = before
+        os.environ.update(before)
 
 
 def _begin() -> None:

@@ -83,10 +83,7 @@ def place(path: str) -> str:
 
 
 _LIBRARIES = [sysconfig.get_path(name) for name in ("stdlib", "platstdlib")]
-_STANDARD = (
-    *(f"{path}{os.sep}" for path in _LIBRARIES),
-    os.path.join(os.path.dirname(_LIBRARIES[0]), "python"),
-)  # a zip
+_STANDARD = (*(f"{path}{os.sep}" for path in _LIBRARIES), f"{Path(_LIBRARIES[0]).with_name('python')}")  # a zip
 
 
 def law_modules(roots: Iterable[ModuleType]) -> dict[str, Path]:

@@ -56,10 +56,8 @@ def load(name: PolicyName) -> Callable[..., Any]:
     """
     path, vouch = Path(name.source), "give --trust if you trust {} (in Python, trust=True)"
     if name.tuned and name.form != "name":
-        search = f"`fbl-gym tune {name.law} --class CLASS`"
-        raise NotFound(
-            f"{name.law} has no gains that come with fbl-gym: {search} finds some, for {name.law}@results/gains"
-        )
+        search = f"`fbl-gym tune {name.law} --class CLASS` finds some, for {name.law}@results/gains"
+        raise NotFound(f"{name.law} has no gains that come with fbl-gym: {search}")
     if name.form in ("archive", "file") and not path.is_file():
         raise NotFound(f"policy must name a file that exists, but there is no file {path}")
     if name.form in ("archive", "file", "module") and name.origin and not name.trusted:
@@ -95,10 +93,8 @@ def _registered(name: PolicyName) -> Callable[..., Any]:
     registry.check_name(name)
     if name.seed is not None and name.seed not in shipped().get(name.source, ()):
         raise unknown("policy", str(name), registry.names())
-    if entry_module(name):
-        with _outside_code(Path.cwd()):
-            return controllers.factory(name)
-    return controllers.factory(name)
+    with _outside_code(Path.cwd()) if entry_module(name) else contextlib.nullcontext():
+        return controllers.factory(name)
 
 
 def _attribute(name: PolicyName, module: ModuleType) -> Callable[..., Any]:
@@ -106,9 +102,8 @@ def _attribute(name: PolicyName, module: ModuleType) -> Callable[..., Any]:
     factory: Callable[..., Any] | None = getattr(module, name.attribute or ATTRIBUTE, None)
     if callable(factory):
         return factory
-    own = [
-        key for key, value in vars(module).items() if isinstance(value, type) and value.__module__ == module.__name__
-    ]
+    classes = (value for value in vars(module).values() if isinstance(value, type))
+    own = [each.__name__ for each in classes if each.__module__ == module.__name__]
     if name.attribute or not own:
         raise NotFound(str(unknown(f"factory of {name.source}", name.attribute or ATTRIBUTE, own)))
     source = name.source
@@ -125,9 +120,8 @@ def _load_module(source: str) -> ModuleType:
     except ModuleNotFoundError as problem:
         if not f"{source}.".startswith(f"{problem.name}."):
             raise
-        raise NotFound(
-            f"policy must name a module, but there is no module {source}, installed or in {Path.cwd()}"
-        ) from None
+        places = f"installed or in {Path.cwd()}"
+        raise NotFound(f"policy must name a module, but there is no module {source}, {places}") from None
 
 
 def _load_file(path: Path) -> ModuleType:
@@ -169,8 +163,7 @@ def _outside_code(folder: Path) -> Iterator[None]:
         sys.path.remove(str(folder))
         sys.path += [str(folder)] * (str(folder) not in sys.path)  # for what it imports later
         sys.dont_write_bytecode = no_bytecode
-        new = {name for name in sys.modules if name not in before}
-        IMPORTED.update(
-            name for name in new if place(str(getattr(sys.modules[name], "__file__", None) or "<frozen")) == ""
-        )
+        for name in sys.modules.keys() - before:
+            if place(str(getattr(sys.modules[name], "__file__", None) or "<frozen")) == "":
+                IMPORTED.add(name)
         sys.modules.update({name: module for name, module in hidden.items() if name not in sys.modules})

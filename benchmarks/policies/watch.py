@@ -26,12 +26,10 @@ FILE = {"open": 0, "import": 1, "ctypes.dlopen": 0, "sqlite3.connect": 0, VARIAB
 DIRECT = ("ctypes.dlopen", VARIABLE)
 """Events that only count where the policy's code itself asks."""
 
-OTHERS = {
-    "os.exec": "starts a process", "os.fork": "starts a process", "os.posix_spawn": "starts a process",
-    "os.spawn": "starts a process", "os.startfile": "starts a process", "os.system": "starts a process",
-    "subprocess.Popen": "starts a process", "socket.bind": "uses the network", "socket.connect": "uses the network",
-    "socket.getaddrinfo": "uses the network", "socket.gethostbyname": "uses the network",
-}  # fmt: skip
+OTHERS = dict.fromkeys(
+    ("os.exec", "os.fork", "os.posix_spawn", "os.spawn", "os.startfile", "os.system", "subprocess.Popen"),
+    "starts a process",
+) | dict.fromkeys(("socket.bind", "socket.connect", "socket.getaddrinfo", "socket.gethostbyname"), "uses the network")
 """Events that no key can cover."""
 
 _SYSTEM = ("/dev/", "/etc/", "/lib", "/proc/", "/sys/", "/usr/")
@@ -94,22 +92,16 @@ class Watch:
             path = importlib.util.source_from_cache(path)
         if flags & (os.O_TRUNC | os.O_EXCL):
             self._free.add(path)  # what it writes itself, it may read
-        elif (
-            flags & os.O_WRONLY == 0
-            and path not in self._free
-            and not (path.startswith(_SYSTEM) or self._is_free(path))
-        ):
-            name = os.path.relpath(path, self._home)
-            if place(path) == "ours":
-                name = os.path.relpath(path, ROOT)
-                declared = 'uses = ("LAW",), with the name of its law'
-            else:
-                declared = f'data_files = ("{name}",)'
+        elif flags & os.O_WRONLY == 0 and path not in self._free and not self._is_free(path):
+            ours = place(path) == "ours"
+            name = os.path.relpath(path, ROOT if ours else self._home)
+            declared = 'uses = ("LAW",), with the name of its law' if ours else f'data_files = ("{name}",)'
             self.seen[f"it reads {name}, which its key does not cover: add make_policy.{declared}"] = None
 
     def _is_free(self, path: str) -> bool:
-        """Return True for files of Python, of other packages, and of fbl-gym beside policies."""
-        if path.endswith((".nbi", ".nbc", "__init__.py")):  # Numba's, for the code of fbl-gym alone
+        """Return True for files of the system, Python, packages, and fbl-gym beside policies."""
+        # Those of Numba are for the code of fbl-gym alone.
+        if path.startswith(_SYSTEM) or path.endswith((".nbi", ".nbc", "__init__.py")):
             return True
         return place(path) != "" and not path.startswith((*_POLICIES, *self._own))
 

@@ -45,18 +45,6 @@ STEPS = (1e-5, 1e-6)
 """Steps of the difference quotients: shares of each quantity, absolute where it is below 1."""
 
 
-class Kink(NotLinear):
-    """A law with other slopes on both sides of a point.
-
-    Args:
-        columns: the quantities along which the slopes differ [m].
-    """
-
-    def __init__(self, columns: NDArray[np.bool_]) -> None:
-        super().__init__("the law has no derivative at this point")
-        self.columns = columns
-
-
 def linearize(
     policy: PolicySpec | str, scenario: Scenario | str | None = None, at: Pair = POINT, *, seed: int = 0
 ) -> LinearLoop:
@@ -148,19 +136,11 @@ def margin_metrics(
     for loop in linearize_all(policy, scenario, POINT, seeds, **gains):
         numbers = [math.nan] * 4
         try:
-            if isinstance(loop, NotLinear):
-                raise loop
-            found = loop.margins()
-            numbers = [
-                min(found.phase),
-                found.delay / scenario.control_dt,
-                min(found.gain_upper),
-                max(found.sensitivity),
-            ]
+            if not isinstance(loop, NotLinear):
+                found, dt = loop.margins(), scenario.control_dt
+                numbers = [min(found.phase), found.delay / dt, min(found.gain_upper), max(found.sensitivity)]
         except Unstable:
             numbers = [0.0, 0.0, 1.0, math.inf]
-        except NotLinear:
-            pass
         rows.append(dict(zip(MARGINS, np.minimum(numbers, 1e6).tolist(), strict=True)))
     return rows
 
@@ -264,16 +244,14 @@ def _calm(scenario: Scenario, spec: PolicySpec) -> Scenario:
     if error is not None and isinstance(error.payload, Payload):
         error = dataclasses.replace(error, payload=dataclasses.replace(error.payload, pick_up=0.0, drop=None))
     friction = None if scenario.friction is None else Friction(viscous=scenario.friction.viscous)
-    calm = dict.fromkeys(("noise", "disturbance", "constraints"))
+    calm: dict[str, Any] = {"noise": None, "disturbance": None, "constraints": None, "events": ()}
     # Small motions stay within the limits, but the steps of a difference quotient may not.
     # The actions of an agent are shares of the limits.
     limit = drive.torque_limit
     if limit is not None and spec.kind == "classical":
         limit = scaled(limit, 10.0)
     drive = dataclasses.replace(drive, ripple=0.0, torque_limit=limit)
-    return scenario.replace(
-        parameter_error=error, friction=friction, encoder=encoder, actuator=drive, events=(), **calm
-    )
+    return scenario.replace(parameter_error=error, friction=friction, encoder=encoder, actuator=drive, **calm)
 
 
 def _loop(
@@ -288,34 +266,27 @@ def _loop(
     slots = {slot: np.arange(layout.size)[layout[slot]] for slot in MEASURED if slot in layout}
     entries = np.concatenate([*slots.values()])
     step, point = _law(actor, interface, observation, entries, state)
-    m, smooth = len(entries), True
-    try:
-        slope = _derivative(step, point)
-    except Kink as kink:
+    m = len(entries)
+    slope, kinks = _derivative(step, point)
+    if kinks.any():
         beside = np.append(np.full(m, error), 2 * max(STEPS) * np.maximum(1.0, np.abs(point[m:])))
-        point, smooth = point + beside * kink.columns, False
-        slope = _derivative(step, point)
+        point = point + beside * kinks
+        slope, _ = _derivative(step, point, smooth=True)
     if not slope[:2].any():
         raise NotLinear("the torque is constant, perhaps at its limit")
-    if _differ(_derivative(lambda points: step(points, later=1), point), slope).any():
+    if _differ(_derivative(lambda points: step(points, later=1), point, smooth=True)[0], slope).any():
         raise NotLinear("the law changes from sample to sample")
+    share = 1.0 - np.exp(-2 * np.pi * (encoder.low_pass or np.inf) * scenario.control_dt)
     loop = LinearLoop(
-        control_dt=scenario.control_dt,
-        delay=float(truth.delay[0]),
-        lag=float(truth.lag[0]),
-        motion=motion,
+        control_dt=scenario.control_dt, delay=float(truth.delay[0]), lag=float(truth.lag[0]), motion=motion,
         drive=drive * truth.gain[0],
         measured=len(motion) - 4 if scenario.joint is not None and scenario.joint.encoder == "motor" else 0,
-        encoder=(
-            encoder.latency,
-            encoder.difference or 0,
-            1.0 - np.exp(-2 * np.pi * (encoder.low_pass or np.inf) * scenario.control_dt),
-        ),
+        encoder=(encoder.latency, encoder.difference or 0, share),
         matrices=(*_minimal(slope[2:, m:], slope[2:, :m], slope[:2, m:]), slope[:2, :m]),
         readings={slot: len(places) for slot, places in slots.items()},
         action_scale=np.array(interface.torque_limit) if interface.action == "normalized" else np.ones(2),
-    )
-    if smooth:
+    )  # fmt: skip
+    if not kinks.any():
         _check_motion(loop, step, point, slope)
     return loop
 
@@ -396,8 +367,13 @@ def _check_motion(loop: LinearLoop, step: Callable[..., Array], point: Array, sl
         x, states = a @ x + b @ change[:2], change[2:]
 
 
-def _derivative(function: Callable[[Array], Array], point: Array) -> Array:
-    """Return the derivative [k x m] of a function of lanes [n x m] -> [n x k]."""
+def _derivative(
+    function: Callable[[Array], Array], point: Array, *, smooth: bool = False
+) -> tuple[Array, NDArray[np.bool_]]:
+    """Return the derivative [k x m] of a function of lanes [n x m] -> [n x k], and its kinks [m].
+
+    The slopes differ on both sides of a kink. With `smooth`, it is refused.
+    """
     steps = [step * np.maximum(1.0, np.abs(point)) for step in STEPS]
     moved = [point + sign * np.diag(step) for step in steps for sign in (1.0, -1.0)]
     values = function(np.concatenate([point[None], *moved]))
@@ -413,8 +389,9 @@ def _derivative(function: Callable[[Array], Array], point: Array) -> Array:
         jumps = np.abs(slope) + np.abs(fine_gap) > 0.5 * STEPS[0] / STEPS[1] * (np.abs(coarse) + np.abs(gap))
         if (wrong & jumps).any():
             raise NotLinear("the law jumps at this point")
-        raise Kink(np.any(wrong, axis=0))
-    return slope
+        if smooth:
+            raise NotLinear("the law has no derivative at this point")
+    return slope, np.any(wrong, axis=0)
 
 
 def _differ(one: Array, other: Array, allowed: Array | float = 0.0) -> NDArray[np.bool_]:

@@ -118,6 +118,8 @@ def measure(trace: Trace, size: Array | None = None) -> list[dict[str, float]]:
     area, back, unrecovered = _recovery(trace, mean_error)
     limit = np.inf if trace.scenario.actuator.torque_limit is None else np.array(trace.scenario.actuator.torque_limit)
     at_limit = alive & (limit > 0) & (np.abs(trace.command) >= limit * (1 - 1e-9))
+    none, constraints = np.full(len(trace.seeds), np.nan), trace.scenario.constraints
+    beyond = ~trace.alive | (constraints is not None and constraints.violated(trace.position, trace.velocity))
     encoder = trace.scenario.encoder
     counts = np.array(FINEST if encoder is None or encoder.counts is None else encoder.counts)
     columns: dict[str, Array] = {
@@ -137,11 +139,11 @@ def measure(trace: Trace, size: Array | None = None) -> list[dict[str, float]]:
         "torque_rms": np.sqrt((torque**2).sum(axis=(0, 2)) / (2 * count)),
         "variation": change.sum(axis=(0, 2)) / (count * dt),
         "saturated_pct": 100 * at_limit.any(axis=-1).sum(axis=0) / count,
-        "violation_pct": _violation(trace),
+        "violation_pct": none if constraints is None else 100 * beyond[1:].mean(axis=0),
         "recovery_rad_s": area,
         "recovery_s": back,
         "unrecovered_pct": 100 * unrecovered,
-        **dict.fromkeys(MARGINS, np.full(len(trace.seeds), np.nan)),
+        **dict.fromkeys(MARGINS, none),
         "diverged": (~trace.alive[-1]).astype(float),
         "baseline_error_pct": 100 * (np.abs(trace.reference - trace.position[0]).mean(axis=0) / size).mean(axis=-1),
         "resolution_pct": 100 * (2 * np.pi / counts / size).mean(axis=-1),
@@ -169,15 +171,6 @@ def penalize(errors: ArrayLike, diverged: ArrayLike) -> Array:
     doubles it. `diverged` is 1 where a run diverged, else 0.
     """
     return np.asarray(errors) * 2.0 ** (100 * np.asarray(diverged))
-
-
-def _violation(trace: Trace) -> Array:
-    """Return the share of samples 1 to T of each run beyond the constraints [n] %, or NaN."""
-    constraints = trace.scenario.constraints
-    if constraints is None:
-        return np.full(len(trace.seeds), np.nan)
-    beyond = constraints.violated(trace.position, trace.velocity) | ~trace.alive
-    return 100 * beyond[1:].mean(axis=0)
 
 
 def _recovery(trace: Trace, error: Array) -> tuple[Array, Array, Array]:
@@ -227,32 +220,26 @@ def _steps(trace: Trace) -> tuple[Array, Array, Array]:
     none = np.full(len(trace.seeds), np.nan)
     if not isinstance(reference, Steps | FilteredSteps):
         return none, none, none
-    period = round(reference.period / trace.scenario.control_dt)
-    overshoot, times = none, []
-    begin = trace.position[0]
-    for first in range(0, len(trace.time) - period, period):
-        window = slice(first, first + period)
-        target = trace.reference[first + period - 1]
-        height = target - begin
-        moved = np.abs(height) > 1e-3
-        scale = np.where(moved, height, 1.0)
-        gone = np.where(trace.alive[window, :, None], (trace.position[window] - begin) / scale, np.inf)
-        beyond = np.where(moved, np.maximum(gone.max(axis=0) - 1.0, 0.0), np.nan)
-        outside = np.abs(gone - 1.0) > BAND
-        last = period - np.argmax(outside[::-1], axis=0)
-        settling = np.where(outside.any(axis=0), last, 0)
-        high = (gone >= 0.9) & trace.alive[window, :, None]
-        rise = np.where(high.any(axis=0), np.argmax(high, axis=0) - np.argmax(gone >= 0.1, axis=0), period)
-        times.append(np.where(moved, trace.scenario.control_dt * np.stack([settling, rise]), np.nan))
-        overshoot = np.fmax(overshoot, np.fmax(beyond[:, 0], beyond[:, 1]))
-        begin = target
-    worst = np.minimum(100 * overshoot, 1e3)
-    if not times:
-        return worst, none, none
-    stacked = np.stack(times)
-    counts = np.isfinite(stacked).sum(axis=(0, 3))
-    means = np.where(counts > 0, np.nansum(stacked, axis=(0, 3)) / np.maximum(counts, 1), np.nan)
-    return worst, means[0], means[1]
+    dt = trace.scenario.control_dt
+    period = round(reference.period / dt)
+    starts = np.arange(0, len(trace.time) - period, period)
+    if not starts.size:
+        return none, none, none
+    # Arrays of all steps, [steps x samples x n x 2] and without the samples.
+    samples = starts[:, None] + np.arange(period)
+    targets, alive = trace.reference[starts + period - 1], trace.alive[samples][..., None]
+    begins = np.concatenate([trace.position[:1], targets[:-1]])
+    moved = np.abs(targets - begins) > 1e-3
+    scale = np.where(moved, targets - begins, 1.0)
+    gone = np.where(alive, (trace.position[samples] - begins[:, None]) / scale[:, None], np.inf)
+    overshoot = np.fmax.reduce(np.where(moved, np.maximum(gone.max(axis=1) - 1.0, 0.0), np.nan), axis=(0, 2))
+    outside, high = np.abs(gone - 1.0) > BAND, (gone >= 0.9) & alive
+    settling = np.where(outside.any(axis=1), period - np.argmax(outside[:, ::-1], axis=1), 0)
+    rise = np.where(high.any(axis=1), np.argmax(high, axis=1) - np.argmax(gone >= 0.1, axis=1), period)
+    times = np.where(moved[:, None], dt * np.stack([settling, rise], axis=1), np.nan)
+    counts = np.isfinite(times).sum(axis=(0, 3))
+    means = np.where(counts > 0, np.nansum(times, axis=(0, 3)) / np.maximum(counts, 1), np.nan)
+    return np.minimum(100 * overshoot, 1e3), means[0], means[1]
 
 
 def summarize(rows: list[dict[str, float]]) -> dict[str, float]:

@@ -79,8 +79,6 @@ Watch: TypeAlias = Callable[[TwoLinkArmVectorEnv, Any, Any], Array]
 LARGEST = 16
 """Most numbers of a lane in an array of a policy's state that is recorded."""
 
-_SIGNALS = ("position", "velocity", "reference", "command", "torque", "disturbance")
-
 
 def action_of(scenario: Scenario) -> str:
     """Return the kind of action: "normalized" with a torque limit, "torque" without."""
@@ -118,14 +116,12 @@ def rollout_trials(
     state: Any = None
     traces = []
     for trial in range(trials):
-        signals = {name: np.empty((steps + 1, n, 2)) for name in _SIGNALS}
-        signals["payload"] = np.empty((steps + 1, n))
         alive = np.ones((steps + 1, n), dtype=bool)
         waits = np.empty(steps)
         watched: dict[str, list[Array]] = {name: [] for name in watch or {}}
         starts, ended = np.ones(n, dtype=bool), np.zeros(n, dtype=bool)
         observation, _ = env.reset(seed=list(seeds) if trial == 0 else None)
-        _record(signals, 0, env)
+        samples = [env.true_signals()]
         details = [_details(env, observation, ())] if detailed else []
         lengths, event_times = np.array(env.truth.lengths), env.truth.event_times
         for k in range(steps):
@@ -136,31 +132,26 @@ def rollout_trials(
             # A lane that diverged begins its next episode one step later; that episode is not used.
             starts, ended = ended, terminated | truncated
             alive[k + 1] = alive[k] & ~terminated
-            _record(signals, k + 1, env)
+            samples.append(env.true_signals())
             if detailed:
                 details.append(_details(env, observation, state))
             for name, signal in (watch or {}).items():
                 watched[name].append(signal(env, actor, state))
+        signals = {name.removeprefix("applied_"): np.array([row[name] for row in samples]) for name in samples[0]}
         # The statistics of a lane that diverged need the reference to the end of its episode, and
         # the lane's next episode has another one.
         if not alive.all():
             signals["reference"] = reference_motion(scenario, seeds)[0]
-        trace = Trace(
-            scenario=scenario,
-            seeds=tuple(seeds),
-            time=scenario.control_dt * np.arange(steps + 1.0),
-            alive=alive,
-            decision_time=float(np.median(waits)) / n,
-            lengths=lengths,
-            event_times=event_times,
+        traces.append(Trace(
+            scenario=scenario, seeds=tuple(seeds), time=scenario.control_dt * np.arange(steps + 1.0), alive=alive,
+            decision_time=float(np.median(waits)) / n, lengths=lengths, event_times=event_times,
             watched={name: np.array(rows) for name, rows in watched.items()},
             details={
                 name: np.array([row.get(name, np.full_like(last, np.nan)) for row in details])
                 for name, last in (details[-1] if detailed else {}).items()
             },
             **signals,
-        )
-        traces.append(trace)
+        ))  # fmt: skip
     env.close()
     return traces
 
@@ -170,13 +161,11 @@ def reference_motion(scenario: Scenario, seeds: Sequence[int]) -> Array:
 
     It has position, velocity and acceleration.
     """
-    kept = {
-        name: getattr(scenario, name) for name in ("reference", "control_dt", "physics_dt", "duration", "drawn_per")
-    }
-    limits = Limits(position=1e9, velocity=1e9)
-    env = TwoLinkArmVectorEnv(
-        len(seeds), Scenario("calm", limits=limits, actuator=Actuator(torque_limit=None), **kept), action="torque"
-    )
+    names = ("reference", "control_dt", "physics_dt", "duration", "drawn_per")
+    kept: dict[str, Any] = {name: getattr(scenario, name) for name in names}
+    limits, drive = Limits(position=1e9, velocity=1e9), Actuator(torque_limit=None)
+    calm = Scenario("calm", limits=limits, actuator=drive, **kept)
+    env = TwoLinkArmVectorEnv(len(seeds), calm, action="torque")
     env.reset(seed=list(seeds))
     motion = np.empty((3, scenario.steps + 1, len(seeds), 2))
     for k in range(scenario.steps + 1):
@@ -202,8 +191,3 @@ def _named(name: str, state: Any, lanes: int) -> Iterator[tuple[str, Array]]:
             yield from _named(f"{name}_{getattr(state, '_fields', range(len(state)))[i]}", part, lanes)
     elif isinstance(state, np.ndarray) and len(state) == lanes and state.size <= LARGEST * lanes:
         yield name, np.array(state, dtype=float)
-
-
-def _record(signals: dict[str, Array], k: int, env: TwoLinkArmVectorEnv) -> None:
-    for name, values in env.true_signals().items():
-        signals[name.removeprefix("applied_")][k] = values

@@ -160,10 +160,8 @@ class Store:
             if cell is None:
                 policy = PolicySpec.from_dict(document["policy"])
                 cell = Cell(policy, document["scenario"], tuple(document["seeds"]))
-                if cell.key != document["key"]:
-                    raise ValueError("its key is not that of its content")
-            elif cell.key != document["key"]:
-                raise ValueError(f"it holds the result {document['id']} with the key {document['key']}")
+            if cell.key != document["key"]:
+                raise ValueError(f"it holds the result {document['id']} with the key {document['key']}, not {cell.key}")
             columns = document["rows"]
             if set(columns) != set(METRICS):
                 others = ", ".join(sorted(set(columns) ^ set(METRICS)))
@@ -176,15 +174,7 @@ class Store:
             return Result(cell, rows, _number(document["decision_us"]), error, {**document["provenance"]})
         except (OtherFormat, FileNotFoundError):
             raise
-        except (
-            OSError,
-            ValueError,
-            LookupError,
-            TypeError,
-            AttributeError,
-            ArithmeticError,
-            RecursionError,
-        ) as problem:
+        except Exception as problem:  # the file may hold anything
             raise Damaged(f"{path} is damaged ({problem})") from None
 
 

@@ -126,9 +126,6 @@ SHORT_SEEDS = 8
 NEEDS_ACCELERATION = ("crossq", "sac", "td3", "tqc")
 """Agents that were trained with an accelerometer, which the classes of robots lack."""
 
-OF_SERVO = "ppo"
-"""An agent that was trained for one class."""
-
 OTHER_TASKS = ("computed-torque-ilc", "swing-up")
 """Laws for repeated trials, and for another goal than the reference."""
 
@@ -141,14 +138,14 @@ SUITES: dict[str, SuiteSpec] = {
             SuiteSpec(
                 robot, f"{kind.text}; every policy, tuned where it can be, severity 2 and surprise, 32 seeds",
                 {robot: (2,), f"{robot}-surprise": (2,)},
-                (*OTHER_TASKS, _PLANNED, *NEEDS_ACCELERATION, *([] if robot == "servo" else [OF_SERVO])),
+                (*OTHER_TASKS, _PLANNED, *NEEDS_ACCELERATION),
                 robot=robot, short=(f"{robot}-nominal", f"{robot}-everything-2", f"{robot}-surprise-payload"),
             )
             for robot, kind in CLASSES.items()
         ),
         SuiteSpec(
             "ideal", "every policy, tuned where it can be, on the paper's assumptions at severity 2, 32 seeds",
-            {"ideal": (2,)}, (*OTHER_TASKS, _PLANNED, OF_SERVO),
+            {"ideal": (2,)}, (*OTHER_TASKS, _PLANNED),
         ),
     )
 }  # fmt: skip

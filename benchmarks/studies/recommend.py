@@ -16,12 +16,13 @@ from typing import Any
 import numpy as np
 
 import controllers
+from benchmarks.analysis.board import Board, assemble
 from benchmarks.analysis.statistics import proportion, tail_mean
-from benchmarks.analysis.transfer import Runs
 from benchmarks.policies.spec import resolve
 from benchmarks.run.cell import Cell
 from benchmarks.run.linearize import margins_as_data
 from benchmarks.run.loop import LEAST_DELAY, LEAST_PHASE, Margins, Unstable
+from benchmarks.run.metrics import penalize
 from benchmarks.run.rollout import reference_motion
 from benchmarks.run.store import Result
 from benchmarks.run.suite import OTHER_TASKS, Suite
@@ -143,7 +144,8 @@ def push(base: Scenario, kind: str, factor: float, robot: str) -> Scenario:
             if base.joint is not None or base.link is not None:  # a lighter link is faster on its spring
                 changes["physics_dt"] = base.physics_dt / 2
         case "payload":
-            mass = max(0.5 * more * base.arm.m2, factor * _payload(base))
+            payload = error and error.payload
+            mass = max(0.5 * more * base.arm.m2, factor * ends(getattr(payload, "mass", payload or 0.0))[1])
             times = {"pick_up": _uniform(0.1, 0.3, base.duration), "drop": _uniform(0.6, 0.8, base.duration)}
             changes = {"parameter_error": _replaced(error, payload={"mass": _uniform(0.0, mass), **times})}
         case "delay":
@@ -248,12 +250,6 @@ def _uniform(low: float, high: float, scale: float = 1.0) -> Distribution:
     return Distribution(uniform=(low * scale, high * scale))
 
 
-def _payload(scenario: Scenario) -> float:
-    """Return the largest payload of a scenario [kg]."""
-    payload = None if scenario.parameter_error is None else scenario.parameter_error.payload
-    return ends(getattr(payload, "mass", payload or 0.0))[1]
-
-
 def candidates(robots: Sequence[str]) -> list[str]:
     """Return the policies that are tried by default: all of those that do not know the truth.
 
@@ -352,40 +348,49 @@ def recommend(
     failed = {result.cell.policy.name: result.error for result in results.values() if result.error}
     complete = [name for name in names[:SCREENED] if name not in failed]
     table = [[results[f"{name}/{task.name}"] for task in tasks.values()] for name in complete]
-    runs = Runs.of(table)
+    board = assemble([result for row in table for result in row])
     margins = [margins_of(name, base) for name in complete]
     wide = [not (phase < bounds[0] or delay < bounds[1]) for phase, delay, _ in margins]
     keeps = [is_safe(row[:1]) and is_safe(row) for row in table]
     safe = [x and y for x, y in zip(wide, keeps, strict=True)]
-    levels = np.minimum(runs.levels, np.log(_metric(table, "baseline_error_pct")).mean(axis=-1))
+    levels = np.minimum(_levels(board), np.log(board.runs["baseline_error_pct"]).mean(axis=-1))
     levels = levels[:, 0] + levels[:, 1:].mean(axis=1)
     order = sorted(np.argsort(levels).tolist(), key=lambda i: not safe[i])
-    same = _groups([i for i in order if keeps[i] or not any(keeps)], table, runs, safe)
+    same = _groups([i for i in order if keeps[i] or not any(keeps)], board, safe)
     best = [*same][:3]
-    variation = np.median(_metric(table, "variation"), axis=(1, 2))
+    variation = np.median(board.runs["variation"], axis=(1, 2))
     calmest = min(filter(None, variation[best]), default=1.0)  # a policy without a torque has none
     choices = []
     for i in best:
-        errors, diverged, count = runs.error[i].ravel(), int(runs.diverged[i].sum()), runs.diverged[i].size
+        errors, lost = board.errors[i], board.runs["diverged"][i]
         choices.append(
             Choice(
-                complete[i], safe[i], float(np.median(errors)), float(tail_mean(errors)), diverged, count,
-                float(proportion(diverged, count).high), tuple(np.exp(runs.logs[i].mean(axis=-1)).tolist()),
-                tuple(int(lost) for lost in runs.diverged[i].sum(axis=-1)), float(variation[i] / calmest),
+                complete[i], safe[i], float(np.median(errors)), float(tail_mean(errors.ravel())), int(lost.sum()), lost.size,
+                float(proportion(lost.sum(), lost.size).high), tuple(np.exp(np.log(errors).mean(axis=-1)).tolist()),
+                tuple(lost.sum(axis=-1).astype(int).tolist()), float(variation[i] / calmest),
                 *margins[i], tuple(complete[k] for k in same[i]),
             )
         )  # fmt: skip
     return Recommendation(base.name, tuple(choices), tuple(tasks), failed)
 
 
-def _groups(
-    order: Sequence[int], table: Sequence[Sequence[Result]], runs: Runs, safe: Sequence[bool]
-) -> dict[int, list[int]]:
+def _levels(board: Board) -> Array:
+    """Return the logarithm of each policy's penalized error [policies x scenarios]."""
+    return np.log(penalize(board.errors, board.runs["diverged"])).mean(axis=-1)
+
+
+def _best(results: Sequence[Result]) -> list[str]:
+    """Return the policies that did not fail, the best in the scenario first."""
+    board = assemble(results)
+    return [board.policies[i] for i in np.argsort(_levels(board)[:, 0])]
+
+
+def _groups(order: Sequence[int], board: Board, safe: Sequence[bool]) -> dict[int, list[int]]:
     """Return the first policy of each law, in an order, and with it the others with its runs."""
     groups: dict[int, list[int]] = {}
-    laws = [row[0].cell.policy.parsed.law for row in table]
+    laws = [spec.parsed.law for spec in board.specs]
     for i in order:
-        twins = [k for k in groups if np.array_equal(runs.error[i], runs.error[k]) and safe[k] == safe[i]]
+        twins = [k for k in groups if np.array_equal(board.errors[i], board.errors[k]) and safe[k] == safe[i]]
         if twins:
             groups[twins[0]].append(i)
         elif all(laws[i] != laws[k] for k in groups):
@@ -405,24 +410,10 @@ def margins_of(policy: str, base: Scenario) -> tuple[float, float, str]:
     return min(margins.phase), margins.delay / base.control_dt, ""
 
 
-def _metric(table: Sequence[Sequence[Result]], name: str) -> Array:
-    """Return a metric of results [policies x scenarios], for each run."""
-    return np.array([[[run[name] for run in result.rows] for result in row] for row in table])
-
-
 def is_safe(results: Sequence[Result]) -> bool:
     """Return True if a policy is safe by `RULE`, from its results in some conditions together."""
-    diverged, error, baseline = (
-        _metric([results], name)[0].ravel() for name in ("diverged", "error_pct", "baseline_error_pct")
-    )
+    runs = [run for result in results for run in result.rows]
+    names = ("diverged", "error_pct", "baseline_error_pct")
+    diverged, error, baseline = np.array([[run[name] for name in names] for run in runs]).T
     share = proportion(diverged.sum(), len(diverged)).low
     return bool(share <= SAFE_DIVERGED and np.log(error / baseline).mean() < np.log(SAFE_ERROR))
-
-
-def _best(results: Sequence[Result]) -> list[str]:
-    """Return the policies that did not fail, the best in the scenario first."""
-    working = [result for result in results if not result.error]
-    if not working:
-        raise ValueError(f"every policy failed, the first one with: {results[0].error}")
-    levels = Runs.of([[result] for result in working]).levels[:, 0]
-    return [working[i].cell.policy.name for i in np.argsort(levels)]

@@ -16,15 +16,15 @@ import numpy as np
 from scipy import stats
 
 from benchmarks.analysis.board import Board, assemble
-from benchmarks.analysis.transfer import Runs
 from benchmarks.policies.spec import PolicySpec
 from benchmarks.run.cell import Cell
+from benchmarks.run.metrics import counted_errors
 from benchmarks.run.runner import run as run_cells
 from benchmarks.run.store import Store
 from benchmarks.run.suite import load
 from benchmarks.seeds import SPLITS
 from fbl_gym import ArrayReference, Scenario
-from fbl_gym.model.arm import ArmParameters, stretched_inertia
+from fbl_gym.model.arm import ArmParameters, Array, stretched_inertia
 from fbl_gym.scenarios.class_families import conditions, families
 from fbl_gym.scenarios.classes import CLASSES
 
@@ -66,16 +66,15 @@ def draw_arm(rng: np.random.Generator, robot: str) -> ArmParameters:
     return dataclasses.replace(links, rotor=tuple(rotor))
 
 
-def tau(board: Board, rows: Sequence[int], names: Sequence[str], sealed: Runs) -> dict[str, float]:
+def tau(board: Board, rows: Sequence[int], names: Sequence[str], logs: Array) -> dict[str, float]:
     """Return Kendall's tau between the rows' errors on the board and in the sealed test.
 
     Args:
         board: with the families.
         rows: indices of the board's policies that are compared, the best first.
         names: of the families.
-        sealed: their runs [rows x families x seeds], in the order of their names.
+        logs: mean logarithms of their errors in the sealed test [rows x families].
     """
-    logs = sealed.logs.mean(axis=-1)
     errors = board.error().value[rows]
     return {
         "all": float(stats.kendalltau(errors, logs.mean(axis=1)).statistic),
@@ -113,13 +112,15 @@ def main(argv: Sequence[str] | None = None) -> None:
     results = {result.cell.id: result for _, result in run_cells([*sealed.values()], store, workers=arguments.workers)}
     table = {name: [results[sealed[name, task.name].id] for task, _ in tasks] for name in first}
     table = {name: row for name, row in table.items() if not any(result.error for result in row)}
-    runs = Runs.of([*table.values()])
+    logs = np.array([[np.log(counted_errors(result.rows)) for result in row] for row in table.values()])
     print(f"The board {board.version} on a draw from {number}: {len(tasks)} families, 32 seeds each")
     print("| policy | sealed error % | diverged % |\n| --- | --- | --- |")
-    for name, logs, diverged in zip(table, runs.logs, runs.diverged, strict=True):
-        print(f"| `{name}` | {np.exp(logs.mean()):.3g} | {100 * diverged.mean():.2g} |")
+    for (name, results_of), errors in zip(table.items(), logs, strict=True):
+        lost = np.mean([run["diverged"] for result in results_of for run in result.rows])
+        print(f"| `{name}` | {np.exp(errors.mean()):.3g} | {100 * lost:.2g} |")
     rows = [board.policies.index(name) for name in table]
-    print(*(f"{value:6.2f}  tau, {family}" for family, value in tau(board, rows, names, runs).items()), sep="\n")
+    taus = tau(board, rows, names, logs.mean(axis=-1))
+    print(*(f"{value:6.2f}  tau, {family}" for family, value in taus.items()), sep="\n")
 
 
 if __name__ == "__main__":

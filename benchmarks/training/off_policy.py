@@ -52,12 +52,9 @@ class OffPolicy(BaseCallback):
         """Return all that `load` needs."""
         buffer: Any = self.model.replay_buffer  # type: ignore[attr-defined]
         return {
-            "parameters": self.model.get_parameters(),
-            "tensors": self._tensors(),
-            "position": (buffer.pos, buffer.full),
-            "updates": self.model._n_updates,
-            "steps": self.steps,
-        }
+            "parameters": self.model.get_parameters(), "tensors": self._tensors(), "position": (buffer.pos, buffer.full),
+            "updates": self.model._n_updates, "steps": self.steps,
+        }  # fmt: skip
 
     def load(self, state: dict[str, Any]) -> None:
         """Go on from a state; the arms begin their next episodes."""

@@ -30,7 +30,7 @@ class PPO:
         n_steps: of each lane in a rollout.
         batch_size: samples of a gradient step.
         n_epochs: passes over a rollout.
-        gamma: discount of a reward one step later.
+        horizon: time over which the discount of later rewards falls to 1 / e [s], about.
         gae_lambda: lambda of the generalised advantage estimate.
         clip_range: largest change of an action's probability, as a ratio less 1.
         std: standard deviation of the first actions.
@@ -39,7 +39,7 @@ class PPO:
 
     def __init__(
         self, envs: Sequence[VectorAdapter], seed: int, *, learning_rate: float, n_steps: int = 16,
-        batch_size: int = 2048, n_epochs: int = 4, gamma: float = 0.95, gae_lambda: float = 0.9,
+        batch_size: int = 2048, n_epochs: int = 4, horizon: float = 0.1, gae_lambda: float = 0.9,
         clip_range: float = 0.2, std: float = 0.5, hidden: Sequence[int] = (64, 64),
     ) -> None:  # fmt: skip
         torch.manual_seed(seed)
@@ -47,7 +47,10 @@ class PPO:
         self._arms = _Arms(envs)
         self._now, self._episode = self._arms.reset(seed), envs[0].unwrapped.scenario.steps  # type: ignore[attr-defined]
         self._rate, self._n_steps, self._batch, self._epochs = learning_rate, n_steps, batch_size, n_epochs
-        self._gamma, self._lambda, self._clip = float(gamma), float(gae_lambda), float(clip_range)
+        if not horizon > envs[0].decision:
+            raise ValueError(f"horizon must be more than {envs[0].decision:g} s, the time of a decision, got {horizon}")
+        self._gamma = round(1.0 - envs[0].decision / horizon, 9)
+        self._lambda, self._clip = float(gae_lambda), float(clip_range)
         self._model = _Model(self._arms.observed, self._now.shape[1], std, hidden)
         self._optimizer = torch.optim.Adam(self._model.parameters(), learning_rate, eps=1e-5, fused=True)
 
@@ -55,7 +58,7 @@ class PPO:
         """Return the policy without noise; its first layer scales the observations, too."""
         layers = [module for module in self._model.policy if isinstance(module, nn.Linear)]
         arrays = [[x.detach().numpy().astype(float) for x in (layer.weight, layer.bias)] for layer in layers]
-        mean, std = (x[: self._arms.observed].numpy().astype(float) for x in self._model.scale())
+        mean, std = (x[: self._arms.observed].numpy().astype(float) for x in (self._model.mean, self._model.std))
         weight, bias = arrays[0]
         arrays[0] = [weight / std, bias - weight @ (mean / std)]
         return Actor(tuple((weight, bias) for weight, bias in arrays), "tanh", "clip")
@@ -124,14 +127,13 @@ class _Model(nn.Module):
         super().__init__()
         self.policy, self.value = _network(observed, hidden, 2, 0.01), _network(size, hidden, 1, 1.0)
         self.log_std = nn.Parameter(torch.full((2,), std).log())
-        self._observed = observed
-        self.mean, self.variance, self.count = (
-            nn.Buffer(number) for number in (torch.zeros(size), torch.ones(size), torch.tensor(1e-4))
-        )
+        self._observed, self.count = observed, nn.Buffer(torch.tensor(1e-4))
+        self.mean, self.variance = nn.Buffer(torch.zeros(size)), nn.Buffer(torch.ones(size))
 
-    def scale(self) -> tuple[torch.Tensor, torch.Tensor]:
-        """Return mean and standard deviation of observations; the latter is 0.01 or more."""
-        return self.mean, (self.variance + 1e-4).sqrt()
+    @property
+    def std(self) -> torch.Tensor:
+        """Standard deviation of the observations, which is 0.01 or more [size]."""
+        return (self.variance + 1e-4).sqrt()
 
     def watch(self, x: torch.Tensor) -> None:
         """Take observations into account."""
@@ -143,8 +145,7 @@ class _Model(nn.Module):
 
     def forward(self, x: torch.Tensor) -> tuple[torch.distributions.Normal, torch.Tensor]:
         """Return the distribution of actions, and the values [n]."""
-        mean, std = self.scale()
-        x = (x - mean) / std
+        x = (x - self.mean) / self.std
         policy = self.policy(x[:, : self._observed])
         return torch.distributions.Normal(policy, self.log_std.exp(), validate_args=False), self.value(x)[:, 0]
 
@@ -186,8 +187,8 @@ class _Arms:
         done, last = np.logical_or(terminated, truncated), np.concatenate([observed, self._truth], axis=1)
         if done.any():
             last[done, : self.observed] = np.stack(infos["final_obs"][done])
-        floats = (torch.from_numpy(each).float() for each in (self._see(observed, done), rewards, done, last))
-        now, reward, end, final = floats
+        seen = self._see(observed, done), rewards, done, last
+        now, reward, end, final = (torch.from_numpy(each).float() for each in seen)
         return now, reward, end, torch.from_numpy(done & np.logical_not(terminated)), final
 
     def _see(self, observed: Array, begun: Array) -> Array:

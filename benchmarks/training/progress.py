@@ -23,8 +23,6 @@ if TYPE_CHECKING:
     from benchmarks.training.ppo import PPO
 
 Learner: TypeAlias = "PPO | OffPolicy"
-"""An algorithm that trains an agent."""
-
 CHECKPOINT = "checkpoint.pt"
 PACKAGES = ("fbl-gym", "gymnasium", "numpy", "torch", "stable-baselines3", "sb3-contrib")
 
@@ -87,31 +85,23 @@ class Progress:
         self.curve.append(Validation(learner.steps, *seconds, round(error, 4)))
         if error < best:
             write(self.folder, actor, self._description())
-        lines = [",".join(map(str, row)) for row in (Validation._fields, *self.curve)]
-        write_text(self.folder / "curve.csv", "\n".join(lines) + "\n")
+        lines = (",".join(map(str, row)) + "\n" for row in (Validation._fields, *self.curve))
+        write_text(self.folder / "curve.csv", "".join(lines))
         with replacing(self.folder / CHECKPOINT) as beside:
             torch.save({"curve": [tuple(row) for row in self.curve], "learner": learner.state()}, beside)
         left = f", {timedelta(seconds=int(wall * (1 - fraction) / fraction))} left" if fraction > 0 else ""
-        print(
-            f"{100 * fraction:3.0f} %  {learner.steps:>11,} steps  validation {error:8.3f} mrad  "
-            f"best {min(error, best):8.3f} mrad{left}",
-            file=sys.stderr,
-        )
+        done = f"{100 * fraction:3.0f} %  {learner.steps:>11,} steps"
+        errors = f"validation {error:8.3f} mrad  best {min(error, best):8.3f} mrad"
+        print(f"{done}  {errors}{left}", file=sys.stderr)
         self._cpu_begin += time.process_time() - begin
 
     def _description(self) -> dict[str, Any]:
-        tasks = self.settings.scenarios
+        settings, tasks = self.settings, self.settings.scenarios
         trained_on = {"scenario": tasks[0].to_dict()} if len(tasks) == 1 else {"scenarios": [s.name for s in tasks]}
+        machine = f"{platform.machine()} {platform.system()}, {torch.get_num_threads()} of {os.cpu_count()} cores"
         return {
-            "algorithm": self.settings.algorithm,
-            "interface": asdict(self.settings.adapter),
-            "command": self.command,
-            "seed": self.settings.seed,
-            **self.curve[-1]._asdict(),
-            **trained_on,
-            "hyperparameters": self.settings.hyperparameters,
-            "packages": {name: metadata.version(name) for name in PACKAGES},
-            "python": platform.python_version(),
-            "machine": f"{platform.machine()} {platform.system()}, {torch.get_num_threads()} of {os.cpu_count()} cores",
-            "licence": "MIT",
-        }
+            "algorithm": settings.algorithm, "interface": asdict(settings.adapter), "command": self.command,
+            "seed": settings.seed, **self.curve[-1]._asdict(), **trained_on, "hyperparameters": settings.hyperparameters,
+            "packages": {name: metadata.version(name) for name in PACKAGES}, "python": platform.python_version(),
+            "machine": machine, "licence": "MIT",
+        }  # fmt: skip

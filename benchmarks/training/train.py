@@ -11,6 +11,7 @@ A run writes to its folder:
 import json
 import sys
 from dataclasses import asdict
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -57,22 +58,18 @@ def _train(settings: TrainingSettings, folder: Path, command: str, evaluations: 
     # Lane i draws its episodes from the stream of seed first + i.
     first = training_seeds(settings.seed)[0]
     lanes, ahead, reward = settings.lanes, settings.adapter.previewed, settings.hyperparameters.get("reward")
-    arms = [
-        TwoLinkArmVectorEnv(lanes, x, autoreset_mode="SameStep", preview=ahead(x.control_dt), reward=reward)
-        for x in settings.practice
-    ]
-    envs = [VectorAdapter(arm, settings.adapter) for arm in arms]
-    progress = Progress(settings, folder, command, evaluations)
+    make = partial(TwoLinkArmVectorEnv, lanes, autoreset_mode="SameStep", reward=reward)
+    envs = [VectorAdapter(make(x, preview=ahead(x.control_dt)), settings.adapter) for x in settings.practice]
+    progress, algorithm = Progress(settings, folder, command, evaluations), settings.algorithm
+    arguments, logs = settings.hyperparameters["arguments"], str(folder / "tensorboard")
     try:
-        arguments, logs = settings.hyperparameters["arguments"], str(folder / "tensorboard")
-        learner: Learner = (
-            PPO(envs, first, **arguments)
-            if settings.algorithm == "ppo"
-            else OffPolicy(settings.algorithm, ArmVecEnv(*envs), first, logs, arguments, progress)
-        )
+        learner: Learner
+        if algorithm == "ppo":
+            learner = PPO(envs, first, **arguments)
+        else:
+            learner = OffPolicy(algorithm, ArmVecEnv(*envs), first, logs, arguments, progress)
     except Exception as problem:  # SB3 checks some arguments, torch some, and neither others
-        reason = f"hyperparameters.arguments must fit {settings.algorithm}: {reason_of(problem)}"
-        raise ValueError(reason) from None
+        raise ValueError(f"hyperparameters.arguments must fit {algorithm}: {reason_of(problem)}") from None
     write_text(run_file, text)
     if began:
         try:

@@ -1,5 +1,6 @@
 """The settings of a training run, as plain data; imports neither torch nor stable-baselines3."""
 
+import itertools
 import json
 from collections.abc import Mapping
 from dataclasses import MISSING, dataclass, field
@@ -16,19 +17,15 @@ from fbl_gym.records.record import Record, build, choice, declared, number, set_
 from fbl_gym.scenarios import Scenario
 
 ALGORITHMS = ("ppo", *sb3.ALGORITHMS)
-"""Algorithms that `fbl-gym train` knows: one of this package, and those of stable-baselines3."""
 
+# Motions to train on beside those of the scenarios: a slow one, and moves with rests.
 MOTIONS = (FourierReference(amplitude=(0.8, 1.0), frequency=0.1, harmonics=3), FilteredSteps(period=1.7, bandwidth=4.0))
-"""Motions to train on beside those of the scenarios: a slow one, and moves with rests."""
 
+# Starts with these motions, so far off that the agent learns to come back.
 START = {"initial_error": {"uniform": (-0.2, 0.2)}, "initial_velocity": {"uniform": (-1.0, 1.0)}}
-"""Starts with these motions, so far off that the agent learns to come back."""
 
-SEEDS_PER_RUN = 1000
-"""Number of episode seeds that each training seed has, one for each lane of a scenario."""
-
-LEAST_LANES = 16
-"""Fewest lanes of each of several scenarios: with fewer, Python's share of the time grows."""
+SEEDS_PER_RUN = 1000  # episode seeds that each training seed has, one for each lane of a scenario
+LEAST_LANES = 16  # fewest lanes of each of several scenarios: with fewer, Python's share of the time grows
 
 
 @dataclass(frozen=True)
@@ -77,11 +74,8 @@ class TrainingSettings(Record):
         """Return the scenarios with the motions to train on."""
         if not self.moves:
             return [*self.scenarios]
-        motions = (None, *MOTIONS)
-        return [
-            task.replace(reference=motions[i % len(motions)] or task.reference, **START)
-            for i, task in enumerate(self.scenarios)
-        ]
+        pairs = zip(self.scenarios, itertools.cycle((None, *MOTIONS)), strict=False)
+        return [task.replace(reference=motion or task.reference, **START) for task, motion in pairs]
 
     @property
     def lanes(self) -> int:

@@ -1,7 +1,6 @@
 """The tracking error on the validation seeds, by which training chooses the best agent."""
 
 from collections.abc import Iterable, Sequence
-from functools import partial
 from typing import Any
 
 import numpy as np
@@ -31,13 +30,13 @@ def validate(settings: AdapterSettings, actor: Actor | str, scenarios: Sequence[
         actor: its network, or the name of a law alone.
         scenarios: one or more.
     """
-    lanes, power = len(VALIDATION), 2 if len(scenarios) == 1 else 1
-    envs = [TwoLinkArmVectorEnv(lanes, each, preview=settings.previewed(each.control_dt)) for each in scenarios]
-    make = (
-        partial(controllers.make, actor) if isinstance(actor, str) else partial(Agent, settings=settings, actor=actor)
-    )
-    errors = np.array([tracking_error(make(env.interface), env, VALIDATION, power) for env in envs])
-    return float(errors.mean() if len(scenarios) == 1 else np.exp(np.log(errors).mean()))
+    errors = []
+    for each in scenarios:
+        env = TwoLinkArmVectorEnv(len(VALIDATION), each, preview=settings.previewed(each.control_dt))
+        robot = env.interface
+        policy = controllers.make(actor, robot) if isinstance(actor, str) else Agent(robot, settings, actor)
+        errors.append(tracking_error(policy, env, VALIDATION, 2 if len(scenarios) == 1 else 1))
+    return float(np.mean(errors) if len(scenarios) == 1 else np.exp(np.log(errors).mean()))
 
 
 def tracking_error(policy: Policy, env: TwoLinkArmVectorEnv, seeds: Iterable[int], power: int = 2) -> Array:

@@ -21,12 +21,16 @@ class VectorAdapter(VectorWrapper):
 
     A step lasts until the agent's next decision, and its reward is the mean one. Where an episode
     ends within a step, the law under the agent begins the next one alone.
+
+    Attributes:
+        decision: time between two decisions [s].
     """
 
     def __init__(self, env: VectorEnv, settings: AdapterSettings) -> None:
         super().__init__(env)
         self._interface: Interface = env.unwrapped.interface  # type: ignore[attr-defined]
         self._adapter = AgentAdapter(settings, self._interface)
+        self.decision = self._adapter.hold * self._interface.control_dt
         self.single_observation_space = spaces.Box(-10.0, 10.0, (self._adapter.size,), dtype=np.float64)
         self.single_action_space = spaces.Box(-1.0, 1.0, (2,), dtype=np.float32)
         self.observation_space = batch_space(self.single_observation_space, self.num_envs)

@@ -21,11 +21,8 @@ from fbl_gym.options import FourierReference
 from fbl_gym.scenarios import Scenario, held_out_reason
 from fbl_gym.scenarios.classes import CLASSES
 
-ROUNDS = (8, 4, 2)
-"""Number of laws in each round."""
-
-SEEDS = SPLITS["tuning"][:8]
-"""Seeds of a trial, in each of its scenarios."""
+ROUNDS = (8, 4, 2)  # number of laws in each round
+SEEDS = SPLITS["tuning"][:8]  # of a trial, in each of its scenarios
 
 
 def practice(base: Scenario) -> Scenario:

@@ -48,19 +48,14 @@ from fbl_gym.records.record import set_fields, tuning_ranges
 if TYPE_CHECKING:  # of the extra `analysis`: imported where a study is used
     import optuna
 
-CHATTER = 0.1
-"""Weight of the torque's chatter in the objective."""
+CHATTER = 0.1  # weight of the torque's chatter in the objective
 
+# Price of a margin of zero: 1 % of error for each percent that lacks of what is asked for.
+# Three times the price made the leading laws of `servo` err 2 to 3 times as much, also where the
+# data sheet is wrong.
 PRICE = 1.0
-"""Price of a margin of zero: 1 % of error for each percent that lacks of what is asked for.
 
-Three times the price made the leading laws of `servo` err 2 to 3 times as much, also where the data
-sheet is wrong.
-"""
-
-COUNTED = ("variation", "torque_rms", "diverged")
-"""The metrics of the objective, beside the error."""
-
+COUNTED = ("variation", "torque_rms", "diverged")  # the metrics of the objective, beside the error
 STORAGE = "sqlite:///results/tuning.db?timeout=60"
 
 
@@ -111,9 +106,7 @@ class Task:
 
     def shipped(self, *robots: str) -> dict[str, dict[str, Any]]:
         """Return the gains for classes of robots that are within the search, by policy."""
-        names = (
-            f"{self.policy.name}@{robot}" for robot in robots if f"{self.policy.name}@{robot}" in registry.tuned(robot)
-        )
+        names = [name for robot in robots for name in registry.tuned(robot) if name == f"{self.policy.name}@{robot}"]
         gains = {name: registry.tuned_gains(name) for name in names}
         return {name: x for name, x in gains.items() if {*x} == {*self.ranges} and all(map(np.isscalar, x.values()))}
 
@@ -124,13 +117,10 @@ class Task:
 
     def effort(self, count: int, cpu_s: float) -> dict[str, Any]:
         """Return the effort of some sets of gains as plain data, with scenarios and seeds."""
-        return {
-            "count": count,
-            "environment_steps": count * len(self.seeds) * sum(scenario.steps for scenario in self.scenarios),
-            "cpu_s": round(cpu_s, 1),
-            "scenarios": [scenario.name for scenario in self.scenarios],
-            "seeds": [self.seeds.start, self.seeds.stop],
-        }
+        steps = count * len(self.seeds) * sum(scenario.steps for scenario in self.scenarios)
+        names, seeds = [scenario.name for scenario in self.scenarios], [self.seeds.start, self.seeds.stop]
+        effort = {"count": count, "environment_steps": steps, "cpu_s": round(cpu_s, 1)}
+        return effort | {"scenarios": names, "seeds": seeds}
 
     @property
     def digest(self) -> str:
@@ -241,9 +231,7 @@ def open_study(task: Task, storage: str, retries: int = 4, seed: int | None = No
 
 def finished(study: optuna.Study) -> list[optuna.trial.FrozenTrial]:
     """Return the trials of a study that ended with a number."""
-    import optuna
-
-    return study.get_trials(states=(optuna.trial.TrialState.COMPLETE,))
+    return [trial for trial in study.trials if trial.state.name == "COMPLETE"]
 
 
 def rounded(trial: optuna.trial.FrozenTrial) -> dict[str, float]:
@@ -279,31 +267,23 @@ def summary(
     """Return the gains that are judged best, with their verdict, that of the defaults, and cost."""
     done, columns = finished(study), ("trial", "objective", "diverged_pct")
     judged = [{name: verdict[name] for name in columns} for verdict in verdicts]
+    best = {"best": judged[0], "defaults": next(verdict for verdict in judged if verdict["trial"] == 0)}
     return {
-        "policy": str(task.policy.parsed.code),
-        "gains": verdicts[0]["gains"] or task.defaults,
+        "policy": str(task.policy.parsed.code), "gains": verdicts[0]["gains"] or task.defaults,
         "trials": task.effort(len(done), sum(t.user_attrs.get("cpu_s", 0.0) for t in done)),
-        "judged": {
-            "best": judged[0],
-            "defaults": next(verdict for verdict in judged if verdict["trial"] == 0),
-            **judging.effort(len(verdicts), sum(verdict["cpu_s"] for verdict in verdicts)),
-        },
-        "ranges": {name: list(ends) for name, ends in task.ranges.items()},
-        "arms": task.arms,
-        **provenance(command),
-    }
+        "judged": best | judging.effort(len(verdicts), sum(verdict["cpu_s"] for verdict in verdicts)),
+        "ranges": {name: list(ends) for name, ends in task.ranges.items()}, "arms": task.arms, **provenance(command),
+    }  # fmt: skip
 
 
-def at_edge(summary: Mapping[str, Any], near: float = 0.05) -> dict[str, tuple[float, float]]:
+def at_edge(summary: Mapping[str, Any]) -> dict[str, tuple[float, float]]:
     """Return the range of each gain that a search left at its edge; better gains may lie beyond.
 
-    Args:
-        summary: of `summary`.
-        near: an edge is that share of the range's logarithm.
+    An edge is 5 % of the range's logarithm.
     """
     found = {}
     for gain, (low, high) in summary["ranges"].items():
-        value, margin = np.array(summary["gains"][gain]), (high / low) ** near
+        value, margin = np.array(summary["gains"][gain]), (high / low) ** 0.05
         searched = (value >= low) & (value <= high)  # a default may lie outside
         if np.any(searched & ((value < low * margin) | (value > high / margin))):
             found[gain] = (low, high)

@@ -133,19 +133,10 @@ class TwoLinkArmEnv(TaskProperties, gym.Env[Any, Any]):
     metadata = {"render_modes": ["human", "rgb_array"], "render_fps": 100}  # noqa: RUF012 - as in Gymnasium
 
     def __init__(
-        self,
-        scenario: Scenario | str | dict[str, Any] | None = None,
-        *,
-        action: str = "normalized",
-        reward: Reward | dict[str, Any] | None = None,
-        preview: int = 0,
-        past_actions: int = 0,
-        info: bool = False,
-        context: bool = False,
-        render_mode: str | None = None,
-        render_size: int = 480,
-        **options: Any,
-    ) -> None:
+        self, scenario: Scenario | str | dict[str, Any] | None = None, *, action: str = "normalized",
+        reward: Reward | dict[str, Any] | None = None, preview: int = 0, past_actions: int = 0, info: bool = False,
+        context: bool = False, render_mode: str | None = None, render_size: int = 480, **options: Any,
+    ) -> None:  # fmt: skip
         self._prepare(
             scenario, options, reward=reward, action=action, preview=preview, past_actions=past_actions, info=info,
             context=context, render_mode=render_mode, render_size=render_size,

@@ -59,13 +59,9 @@ class ErrorScales:
     """
 
     def __init__(
-        self,
-        interface: Interface,
-        slots: Sequence[str] = ("position", "velocity", "preview", "previous_actions"),
-        scales: Sequence[float] = (0.1, 1.0, 10.0),
-        fine: Sequence[float] | None = None,
-        drive: bool = False,
-    ) -> None:
+        self, interface: Interface, slots: Sequence[str] = ("position", "velocity", "preview", "previous_actions"),
+        scales: Sequence[float] = (0.1, 1.0, 10.0), fine: Sequence[float] | None = None, drive: bool = False,
+    ) -> None:  # fmt: skip
         used, every = {*slots, *(f"reference_{name}" for name in _MOTION)}, np.arange(interface.layout.size)
         self.layout = layout = Layout(tuple(slot for slot in interface.layout.slots if slot.name in used))
 
@@ -108,14 +104,6 @@ class ErrorScales:
         out = np.empty((*observations.shape[:-1], self.size), dtype)
         subtract_and_scale(observations.reshape(-1), self._numbers, out.reshape(-1))
         return out
-
-    def single_precision(self, observations: Array, infos: dict[str, Any] | None = None) -> Any:
-        """Return error coordinates as float32; convert `final_obs` of the infos of a batch, too."""
-        if infos and "final_obs" in infos:
-            final = infos["final_obs"]
-            for lane in np.flatnonzero(infos["_final_obs"]):
-                final[lane] = self(final[lane], np.float32)
-        return self(observations, np.float32)
 
     @property
     def space(self) -> spaces.Box:

@@ -7,6 +7,7 @@ import numpy as np
 from fbl_gym.envs.env_common import configure
 from fbl_gym.kernel.batch import ArmBatch
 from fbl_gym.kernel.memory.layout import VARIED
+from fbl_gym.kernel.step import api
 from fbl_gym.model.arm import Array
 from fbl_gym.options import SENSORS, ArrayReference, Reward
 from fbl_gym.scenarios import Scenario
@@ -69,7 +70,7 @@ class Robot(ArmBatch):
                 preview, [6 x (1 + preview)] rad, rad/s, rad/s^2.
         """
         observation = np.empty((1, self.interface.layout.size))
-        self.write(self._inputs, np.concatenate([motion, reference[:6]]))
+        self._memory[self._inputs] = np.concatenate([motion, reference[:6]])
         self.sense(observation)
         if len(reference) > 6:
             observation[0, self._ahead] = np.clip(reference[6:], *self._bounds)
@@ -77,5 +78,7 @@ class Robot(ArmBatch):
 
     def command(self, action: Array) -> Array:
         """Return the torque [2] N m of a finite action [2], and go on to the next control step."""
-        self.pass_step(action)
-        return self.read(self._command)
+        self._memory[self._actions] = action
+        api.load(self._memory, 0)
+        self._blocks["step"] += np.uint64(1)
+        return self._memory[self._command]

@@ -22,32 +22,44 @@ class _InErrorCoordinates:
 
     device: str
     interface: Interface
+    observation_space: Any
+    single_observation_space: Any
     _batch: Any
     _frames: Any
 
-    def _scale(self, history: int, fine: Any, drive: bool) -> spaces.Box:
-        """Prepare the observations, and return the box of one."""
+    def __init__(
+        self, *arguments: Any, past_actions: int = 1, history: int = 0, fine: Any = None, drive: bool = False,
+        **options: Any,
+    ) -> None:  # fmt: skip
+        super().__init__(*arguments, past_actions=past_actions, **options)  # type: ignore[call-arg]
         fine = None if fine is None else check_pair("fine", fine, above=0)
         self._errors = ErrorScales(self.interface, fine=fine, drive=drive)
         self._history = check_whole("history", history, high=10_000)
         if history and self.device != "cpu":
             raise ValueError(f"history must be 0 with device='cuda', got {history}: stack the tensors in your program")
         bound = np.tile(self._errors.space.high, history + 1)
-        return spaces.Box(-bound, bound)
+        self.observation_space = spaces.Box(-bound, bound)
+        if isinstance(self, VectorEnv):
+            self.single_observation_space = self.observation_space
+            self.observation_space = batch_space(self.single_observation_space, self.num_envs)
+        self._frames = np.zeros(self.observation_space.shape, np.float32)
 
     def reset(self, *, seed: Any = None, options: dict[str, Any] | None = None) -> tuple[Any, dict[str, Any]]:
         """Start episodes; return observations [size], of a batch [num_envs x size], and infos."""
         observations, infos = super().reset(seed=seed, options=options)  # type: ignore[misc]
-        return self._stacked(self._scaled(observations, {}), slice(-self._errors.size)), infos
+        return self._stacked(self._scaled(observations), slice(-self._errors.size)), infos
 
     def step(self, action: Array) -> tuple[Any, Any, Any, Any, dict[str, Any]]:
         """Hold an action [2], of a batch [num_envs x 2], for `control_dt`; see `reset`."""
         observations, rewards, terminated, truncated, infos = super().step(action)  # type: ignore[misc]
-        observations, earlier = self._scaled(observations, infos), slice(self._errors.size, None)
-        if self._history and "final_obs" in infos:
+        final, earlier = infos.get("final_obs"), slice(self._errors.size, None)
+        if final is not None and self.device == "cuda":
+            infos["final_obs"] = self._scaled(final)
+        elif final is not None:
             for lane in np.flatnonzero(infos["_final_obs"]):
-                infos["final_obs"][lane] = np.append(self._frames[lane, earlier], infos["final_obs"][lane])
-        return self._stacked(observations, earlier), rewards, terminated, truncated, infos
+                last = self._scaled(final[lane])
+                final[lane] = np.append(self._frames[lane, earlier], last) if self._history else last
+        return self._stacked(self._scaled(observations), earlier), rewards, terminated, truncated, infos
 
     def state(self) -> Any:
         """Return a copy of the state, see `TwoLinkArmEnv.state`, with the earlier observations."""
@@ -72,13 +84,11 @@ class _InErrorCoordinates:
         self._frames = np.concatenate([frames, observations], axis=-1)
         return self._frames.copy()
 
-    def _scaled(self, observations: Any, infos: dict[str, Any]) -> Any:
-        """Return observations in error coordinates, and change `final_obs` to them."""
-        if self.device == "cpu":
-            return self._errors.single_precision(observations, infos)
-        if "final_obs" in infos:
-            infos["final_obs"] = self._batch.scaled(infos["final_obs"], self._errors.columns)
-        return self._batch.scaled(observations, self._errors.columns)
+    def _scaled(self, observations: Any) -> Any:
+        """Return observations in error coordinates."""
+        if self.device == "cuda":
+            return self._batch.scaled(observations, self._errors.columns)
+        return self._errors(observations, np.float32)
 
 
 class TwoLinkArmTrackingEnv(_InErrorCoordinates, TwoLinkArmEnv):
@@ -127,26 +137,9 @@ class TwoLinkArmTrackingEnv(_InErrorCoordinates, TwoLinkArmEnv):
         **options: as in `TwoLinkArmEnv`.
     """
 
-    def __init__(
-        self, scenario: Any = None, *, past_actions: int = 1, history: int = 0, fine: Any = None, drive: bool = False,
-        **options: Any,
-    ) -> None:  # fmt: skip
-        super().__init__(scenario, past_actions=past_actions, **options)
-        self.observation_space = self._scale(history, fine, drive)
-        self._frames = np.zeros(self.observation_space.shape, np.float32)
-
 
 class TwoLinkArmTrackingVectorEnv(_InErrorCoordinates, TwoLinkArmVectorEnv, VectorEnv[Array, Array, Array]):
     """Arms of `TwoLinkArmTrackingEnv`, stepped together, as in `TwoLinkArmVectorEnv`.
 
     `VectorEnv` is named since skrl looks for it among the direct bases.
     """
-
-    def __init__(
-        self, num_envs: int = 1, scenario: Any = None, *, past_actions: int = 1, history: int = 0, fine: Any = None,
-        drive: bool = False, **options: Any,
-    ) -> None:  # fmt: skip
-        super().__init__(num_envs, scenario, past_actions=past_actions, **options)
-        self.single_observation_space = self._scale(history, fine, drive)
-        self.observation_space = batch_space(self.single_observation_space, self.num_envs)
-        self._frames = np.zeros(self.observation_space.shape, np.float32)

@@ -66,24 +66,12 @@ class TwoLinkArmVectorEnv(TaskProperties, VectorEnv[Array, Array, Array]):
         return super().__new__(cls)
 
     def __init__(
-        self,
-        num_envs: int = 1,
-        scenario: Scenario | str | dict[str, Any] | None = None,
-        *,
-        action: str = "normalized",
-        reward: Reward | dict[str, Any] | None = None,
-        preview: int = 0,
-        past_actions: int = 0,
-        info: bool = False,
-        context: bool = False,
-        autoreset_mode: AutoresetMode | str = AutoresetMode.NEXT_STEP,
-        max_episode_steps: int | None = None,
-        threads: int | None = None,
-        device: str = "cpu",
-        render_mode: str | None = None,
-        render_size: int = 480,
-        **options: Any,
-    ) -> None:
+        self, num_envs: int = 1, scenario: Scenario | str | dict[str, Any] | None = None, *, action: str = "normalized",
+        reward: Reward | dict[str, Any] | None = None, preview: int = 0, past_actions: int = 0, info: bool = False,
+        context: bool = False, autoreset_mode: AutoresetMode | str = AutoresetMode.NEXT_STEP,
+        max_episode_steps: int | None = None, threads: int | None = None, device: str = "cpu",
+        render_mode: str | None = None, render_size: int = 480, **options: Any,
+    ) -> None:  # fmt: skip
         self.num_envs = check_whole("num_envs", num_envs, low=1, high=10**7)
         self.autoreset_mode = AutoresetMode(autoreset_mode)
         if max_episode_steps is not None:

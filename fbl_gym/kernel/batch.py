@@ -13,17 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fbl_gym.kernel.memory import layout as memory
-from fbl_gym.kernel.memory.layout import (
-    BLOCK,
-    BLOCK_SIZE,
-    ENDED,
-    INSTANT,
-    LANES,
-    RESTART,
-    ROWS,
-    SETTINGS,
-    SETTINGS_SIZE,
-)
+from fbl_gym.kernel.memory.layout import BLOCK, BLOCK_SIZE, INSTANT, LANES, ROWS, SETTINGS, SETTINGS_SIZE
 from fbl_gym.kernel.memory.program import Program
 from fbl_gym.kernel.step import api
 from fbl_gym.kernel.step.pool import POOL
@@ -120,8 +110,6 @@ class Truth:
     event_times: Array
 
 
-_STEPS = api.STEPS
-
 _LINE = 8
 """Numbers in a line of the processor's cache, at which the blocks begin."""
 
@@ -173,10 +161,10 @@ class ArmBatch:
 
     def _start(self) -> None:
         """Give the last block's spare lanes an episode, which keeps their numbers finite."""
-        self._blocks["status"] = RESTART
+        self._blocks["status"] = memory.RESTART
         self.sense(self.observations())
         # Before its first step, a lane must be reset.
-        self._blocks["status"] = ENDED
+        self._blocks["status"] = memory.ENDED
 
     def __setstate__(self, state: dict[str, Any]) -> None:
         self.__dict__.update(state)
@@ -263,7 +251,7 @@ class ArmBatch:
 
     def reset(self, lanes: NDArray[np.int64], out: Array) -> None:
         """Start an episode in some lanes; write all observations to `out` [lanes x size]."""
-        self._blocks["status"][lanes // LANES, lanes % LANES] = RESTART
+        self._blocks["status"][lanes // LANES, lanes % LANES] = memory.RESTART
         self.sense(out)
 
     def sense(self, out: Array) -> None:
@@ -271,22 +259,8 @@ class ArmBatch:
         POOL.step(self._class, self._memory, out.reshape(-1), False, self.threads)
 
     def index(self, *names: str) -> NDArray[np.int64]:
-        """Return the places of fields of the first lane, for `read` and `write`."""
+        """Return the places of fields of the first lane in the memory."""
         return self._parts["blocks"].start + LANES * np.concatenate([memory.rows(name) for name in names])
-
-    def read(self, index: NDArray[np.int64]) -> Array:
-        """Return the numbers at places that `index` returned."""
-        return self._memory[index]
-
-    def write(self, index: NDArray[np.int64], values: Array) -> None:
-        """Set the numbers at places that `index` returned."""
-        self._memory[index] = values
-
-    def pass_step(self, actions: Array) -> None:
-        """Let a control step pass without motion: only torque commands and clock go on."""
-        self._memory[self._actions] = actions
-        api.load(self._memory, 0)
-        self._blocks["step"] += np.uint64(1)
 
     def step(self, actions: Array, out: Array) -> int:
         """Advance every lane by one control step, unless an action or a lane is refused.
@@ -307,10 +281,10 @@ class ArmBatch:
         Returns:
             The result of `api.check`; then reward, terminated and truncated.
         """
-        memory, first = self._memory, self._first_action
-        memory[first] = action1
-        memory[first + 1] = action2
-        return _STEPS[self._class](memory, out, True, 0, 0)
+        numbers, first = self._memory, self._first_action
+        numbers[first] = action1
+        numbers[first + 1] = action2
+        return api.STEPS[self._class](numbers, out, True, 0, 0)
 
     @property
     def outcomes(self) -> tuple[Array, Flags, Flags]:
@@ -333,17 +307,16 @@ class ArmBatch:
         """Return the truth at this instant."""
         instants = np.empty(self.lanes, INSTANT)
         api.inspect(self._memory, instants)
-        settings, parameters = self.settings, self.field("parameters")
+        settings, parameters, rows = self.settings, self.field("parameters"), self._rows
         fields = {name: instants[name].copy() for name in INSTANT.names or ()}
         fields |= {"masses": parameters[:, :2], "lengths": parameters[:, 2:]}
         fields["rotor"] = settings["real_rotor"] * self.field("rotor_ratio")
         fields |= {name: self.field(_RENAMED.get(name, name)) for name in _STORED}
-        for name, unit in (("delay", settings["physics_dt"]), ("lag", settings["physics_dt"])):
-            fields[name] *= unit  # a block counts physics steps
-        fields["rate_limit"] *= 1 / settings["physics_dt"]
+        h = settings["physics_dt"]
+        for name, unit in (("delay", h), ("lag", h), ("rate_limit", 1 / h)):  # a block counts physics steps
+            fields[name] *= unit
         if not settings["elastic"]:
             fields |= {"motor_position": fields["position"].copy(), "motor_velocity": fields["velocity"].copy()}
-        rows = self._rows
         commands = rows[:, settings["queue_row"] : settings["waypoint_row"]].swapaxes(1, 2)
         commands = commands.reshape(-1, int(settings["delay_steps"]) + 1, 3)[: self.lanes, :, :2]
         times = rows[:, settings["event_row"] :: memory.EVENT_ROWS][:, : settings["events"]].swapaxes(1, 2)

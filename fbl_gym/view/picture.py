@@ -1,4 +1,4 @@
-"""A picture of the arm: `draw` turns plain numbers into a frame with pygame, without a display.
+"""A picture of the arm: `draw` turns an instant into a frame with pygame, without a display.
 
 Shapes are drawn larger than the frame and averaged, so that edges are smooth.
 """
@@ -9,13 +9,13 @@ import functools
 import math
 import os
 from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import TypeAlias
 
 import numpy as np
 from gymnasium.error import DependencyNotInstalled
 from numpy.typing import NDArray
 
+from fbl_gym.kernel.batch import Truth
 from fbl_gym.model.arm import Array
 from fbl_gym.model.chain import HINGE
 from fbl_gym.records.checks import Pair
@@ -52,32 +52,6 @@ FINER = 3
 """A canvas has this many times the frame's pixels in each direction."""
 
 
-@dataclass(frozen=True)
-class Picture:
-    """One instant of one arm: all that a frame shows.
-
-    Args:
-        title: text above the arm, left.
-        time: since the episode's start [s].
-        lengths: real lengths of the links [m].
-        position, reference: joint angles [rad].
-        bend: angle of the hinge of each link [rad].
-        torque: applied to the joints [N m].
-        disturbance: its torque, -tau_d of equation (1) [N m]; None: the scenario has none.
-        payload: mass carried at the tip [kg].
-    """
-
-    title: str
-    time: float
-    lengths: Pair
-    position: Pair
-    reference: Pair
-    bend: Pair
-    torque: Pair
-    disturbance: Pair | None
-    payload: float
-
-
 def project(points: Array, lengths: Pair, size: int) -> Array:
     """Return the pixels of points [... x 2] m, from the frame's upper left corner, y downwards."""
     scale = REACH * size / sum(lengths)
@@ -97,56 +71,55 @@ def chain(lengths: Pair, q: Pair, bend: Pair) -> Array:
     return np.cumsum([[0.0, 0.0], *(parts * (np.cos(angles), np.sin(angles))).T], axis=0)
 
 
-def draw(picture: Picture, size: int = 480) -> Frame:
-    """Return the frame of a picture, [size x size x 3].
+def draw(truth: Truth, title: str, size: int = 480, disturbed: bool = False) -> Frame:
+    """Return the frame of an instant of one arm, [size x size x 3].
 
     It shows the arm in blue, the reference in grey, the payload, and the errors and torques of both
-    joints as numbers.
+    joints as numbers, below a title; with `disturbed` also the disturbance, -tau_d of equation (1).
     """
     size = FINER * size
+    lengths, position, bend, reference = map(pair, (truth.lengths, truth.position, truth.bend, truth.reference))
     canvas = pygame.Surface((size, size), depth=32)
     canvas.fill(PAPER)
-    reach = functools.partial(project, lengths=picture.lengths, size=size)
-    links = reach(chain(picture.lengths, picture.position, picture.bend)).tolist()
+    links = project(chain(lengths, position, bend), lengths, size).tolist()
     base, _, elbow, _, tip = links
     pygame.draw.circle(canvas, RULE, base, (REACH + 0.0015) * size, round(0.003 * size))
     for width, colour in ((0.06, GHOST), (0.053, PAPER)):  # the mount: an outline, where the reference is an area
         _line(canvas, [base, (base[0], base[1] + 0.085 * size)], [width * size] * 2, colour)
     widths = [size * width for width in WIDTHS]
-    reference = reach(chain(picture.lengths, picture.reference, (0.0, 0.0))).tolist()
-    _line(canvas, reference, widths, PALE)
-    if picture.payload > 0.0:
-        scale = REACH / sum(picture.lengths)
-        area = 0.013**2 + scale**2 * picture.payload / (math.pi * PLATE)  # around the tip's own disc
+    _line(canvas, project(chain(lengths, reference, (0.0, 0.0)), lengths, size).tolist(), widths, PALE)
+    if truth.payload > 0.0:
+        scale = REACH / sum(lengths)
+        area = 0.013**2 + scale**2 * float(truth.payload) / (math.pi * PLATE)  # around the tip's own disc
         pygame.draw.circle(canvas, ORANGE, tip, math.sqrt(area) * size)
     _line(canvas, links, widths, BLUE)
     for joint, radius in ((base, 0.013), (elbow, 0.011), (tip, 0.009)):
         pygame.draw.circle(canvas, PAPER, joint, (radius + 0.004) * size)
         pygame.draw.circle(canvas, INK, joint, radius * size)
-    _write_numbers(canvas, picture, size)
-    smooth = pygame.transform.smoothscale(canvas, (size // FINER, size // FINER))
-    return np.ascontiguousarray(pygame.surfarray.array3d(smooth).swapaxes(0, 1))
-
-
-def _write_numbers(canvas: pygame.Surface, picture: Picture, size: int) -> None:
     left, right, line = MARGIN * size, (1.0 - MARGIN) * size, LETTERS * size
-    write(canvas, picture.title, (left, TITLE * size), 1.2 * line, INK)
-    write(canvas, f"{picture.time:.2f} s", (right, TITLE * size), 1.2 * line, INK, 1.0)
-    if picture.payload > 0.0:
-        write(canvas, f"payload {picture.payload:.3g} kg", (right, SECOND * size), line, INK, 1.0)
-    error = [1e3 * (r - q) for r, q in zip(picture.reference, picture.position, strict=True)]
-    rows = [("error [mrad]", error), ("torque [N m]", picture.torque)]
-    if picture.disturbance is not None:
-        rows.append(("disturbance [N m]", picture.disturbance))
+    write(canvas, title, (left, TITLE * size), 1.2 * line, INK)
+    write(canvas, f"{truth.time:.2f} s", (right, TITLE * size), 1.2 * line, INK, 1.0)
+    if truth.payload > 0.0:
+        write(canvas, f"payload {truth.payload:.3g} kg", (right, SECOND * size), line, INK, 1.0)
+    rows = [("error [mrad]", 1e3 * np.subtract(reference, position)), ("torque [N m]", pair(truth.applied_torque))]
+    rows += [("disturbance [N m]", pair(-truth.disturbance))] if disturbed else []
     columns = (0.7 * size, right)
-    for i, x in enumerate(columns):
-        write(canvas, f"joint {i + 1}", (x, TABLE * size), line, INK, 1.0)
-    for i, (name, values) in enumerate(rows, start=1):
-        y = TABLE * size + 1.06 * i * line
+    for joint, x in enumerate(columns, start=1):
+        write(canvas, f"joint {joint}", (x, TABLE * size), line, INK, 1.0)
+    for row, (name, values) in enumerate(rows, start=1):
+        y = TABLE * size + 1.06 * row * line
         write(canvas, name, (left, y), line, INK)
         for value, x in zip(values, columns, strict=True):
             number = f"{value + 0.0:+,.1f}" if abs(value) < 1e6 else f"{value:+.1e}"
             write(canvas, number.replace("-", "\N{MINUS SIGN}"), (x, y), line, INK, 1.0)
+    smooth = pygame.transform.smoothscale(canvas, (size // FINER, size // FINER))
+    return np.ascontiguousarray(pygame.surfarray.array3d(smooth).swapaxes(0, 1))
+
+
+def pair(x: Array) -> Pair:
+    """Return two floats, with zero for the infinite or undefined values of a diverged arm."""
+    first, second = np.nan_to_num(x, posinf=0.0, neginf=0.0).tolist()
+    return first, second
 
 
 def _line(canvas: pygame.Surface, points: Sequence[Point], widths: Sequence[float], colour: Colour) -> None:

@@ -7,10 +7,11 @@ import numpy as np
 import pytest
 from scipy.stats import kendalltau
 
-from benchmarks.analysis.board import assemble
+from benchmarks.analysis.board import Board, assemble
 from benchmarks.analysis.curves import read_groups
 from benchmarks.analysis.statistics import Estimate
-from benchmarks.analysis.transfer import Runs, compare_halves, compare_orders
+from benchmarks.analysis.transfer import compare_halves, compare_orders
+from benchmarks.policies.spec import resolve
 from benchmarks.run.runner import run_cell
 from benchmarks.run.suite import Suite
 from benchmarks.studies import sealed
@@ -72,18 +73,22 @@ def test_a_draw_that_cannot_be_made_is_refused(number, message, tmp_path, capsys
 
 def test_tau_of_the_sealed_test():
     found = board(2)
-    errors = np.broadcast_to(np.array([3.0, 2.0, 1.0])[:, None, None], (3, len(FAMILIES), 4))
     rows = [int(i) for i in np.argsort(-found.error().value)]
-    taus = sealed.tau(found, rows, FAMILIES, Runs(errors, np.zeros_like(errors)))
+    taus = sealed.tau(found, rows, FAMILIES, np.repeat([[3.0], [2.0], [1.0]], len(FAMILIES), axis=1))
     assert taus["all"] == pytest.approx(1.0)
     assert set(taus) == {"all", "first ten", "noise"}
 
 
-def runs(errors, diverged=0.0):
-    """Return runs [policies x scenarios x seeds] of errors that broadcast to it."""
-    errors = np.asarray(errors)
-    errors = errors[:, None] if errors.ndim == 2 else errors
-    return Runs(errors, np.broadcast_to(diverged, errors.shape))
+def rows_of(errors, diverged=0.0, sizes=None):
+    """Return a board of errors [members x seeds]; `sizes` has the number of members of each row."""
+    errors = np.asarray(errors)[:, None]
+    runs = {"error_pct": errors, "resolution_pct": 0 * errors, "diverged": np.broadcast_to(diverged, errors.shape)}
+    rows = {f"row {i}": (resolve("zero"),) * size for i, size in enumerate(sizes or (1,) * len(errors))}
+    return Board(rows, ("nominal",), (*range(errors.shape[-1]),), runs, np.zeros(len(rows)), {})
+
+
+def agreement(first, second):
+    return compare_orders(first, second, first.policies)
 
 
 def test_tau_is_kendalls_where_all_pairs_are_separated():
@@ -91,30 +96,39 @@ def test_tau_is_kendalls_where_all_pairs_are_separated():
     for _ in range(20):
         first, second = rng.permutation(8.0 * np.arange(1, 9)), rng.permutation(8.0 * np.arange(1, 9))
         spread = rng.uniform(0.99, 1.01, 16)
-        agreement = compare_orders(runs(np.outer(first, spread)), runs(np.outer(second, spread)))
-        assert agreement.pairs == agreement.clear_pairs == 28
-        assert agreement.tau == agreement.clear_tau
-        assert agreement.tau == pytest.approx(kendalltau(first, second).statistic)
-    assert compare_halves(runs(np.outer(first, spread))) == compare_orders(*[runs(np.outer(first, spread))] * 2)
+        one, other = rows_of(np.outer(first, spread)), rows_of(np.outer(second, spread))
+        found = agreement(one, other)
+        assert found.pairs == found.clear_pairs == 28
+        assert found.tau == found.clear_tau == pytest.approx(kendalltau(first, second).statistic)
+    assert compare_halves(one, one.policies) == agreement(one, one)
+    assert compare_orders(one, other, one.policies[:3]).pairs == 3
+
+
+def test_an_agent_counts_once_with_all_its_training_seeds():
+    """Its two seeds have the errors 1 and 9, so their mean is between the laws of 2 and 4."""
+    spread = np.linspace(0.99, 1.01, 8)
+    alone, agent = rows_of(np.outer([2, 3, 4], spread)), rows_of(np.outer([2, 1, 9, 4], spread), sizes=(1, 2, 1))
+    assert agreement(agent, alone) == agreement(alone, alone)
+    assert agreement(agent, alone).clear_pairs == 3
 
 
 def test_pairs_that_one_world_does_not_separate_are_not_clear():
     rng = np.random.default_rng(1)
-    alike = runs(rng.lognormal(size=(2, 400)))
+    alike = rows_of(rng.lognormal(size=(2, 400)))
     apart = np.array([[1.0], [5.0]]) * rng.lognormal(sigma=0.1, size=(2, 400))
-    assert compare_orders(runs(apart), runs(apart[::-1])) == compare_orders(runs(apart[::-1]), runs(apart))
-    assert compare_orders(runs(apart), runs(apart[::-1])).tau == -1.0
-    assert compare_orders(alike, runs(apart)).clear_pairs == compare_halves(alike).clear_pairs == 0
-    assert np.isnan(compare_orders(alike, runs(apart)).clear_tau)
-    assert abs(compare_orders(alike, runs(apart)).tau) == compare_orders(alike, runs(apart)).pairs == 1
+    apart, turned = rows_of(apart), rows_of(apart[::-1])
+    assert agreement(apart, turned) == agreement(turned, apart)
+    assert agreement(apart, turned).tau == -1.0
+    found = agreement(alike, apart)
+    assert found.clear_pairs == compare_halves(alike, alike.policies).clear_pairs == 0
+    assert np.isnan(found.clear_tau)
+    assert abs(found.tau) == found.pairs == 1
 
 
 def test_a_policy_that_diverges_on_both_sides_has_no_place():
     errors = np.outer([1.0, 2.0, 90.0], np.linspace(0.9, 1.1, 8))
-    lost = np.array([0.0, 0.0, 1.0])[:, None, None]
-    assert compare_orders(runs(errors), runs(errors)).pairs == 3
-    assert compare_orders(runs(errors, lost), runs(errors, lost)).pairs == 1
-    assert compare_orders(runs(errors, lost), runs(errors)).pairs == 3
+    whole, lost = rows_of(errors), rows_of(errors, np.array([0.0, 0.0, 1.0])[:, None, None])
+    assert [agreement(*sides).pairs for sides in ((whole, whole), (lost, lost), (lost, whole))] == [3, 1, 3]
 
 
 def test_the_command_prints_both_boards_and_tau(tmp_path, fbl_gym):

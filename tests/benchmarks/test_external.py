@@ -200,16 +200,16 @@ def answer_and_leave(flag):
 def test_the_processes_of_a_call_end_with_it(function, tmp_path):
     """At its limit of time, too, though a grandchild holds the standard output."""
     begin = time.monotonic()
-    arguments, limits = (function, str(tmp_path / "flag")), CallLimits(seconds=2.0)
+    arguments = (function, str(tmp_path / "flag"))
     if function is answer_and_leave:
-        assert run_isolated(*arguments, limits=limits) == "answer"
+        assert run_isolated(*arguments) == "answer"
         time.sleep(0.5)
         status = Path("/proc", (tmp_path / "flag").read_text(), "stat")
         assert not status.exists() or status.read_text().rpartition(") ")[2].startswith("Z")
     else:
         with pytest.raises(Failed, match="it took longer than 2 s"):
-            run_isolated(*arguments, limits=limits)
-    assert time.monotonic() - begin < 20
+            run_isolated(*arguments, limits=CallLimits(seconds=2.0))
+        assert time.monotonic() - begin < 20
 
 
 class Opens:

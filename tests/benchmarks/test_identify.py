@@ -1,7 +1,6 @@
 """Identification: logs that are read or refused, arms that are found again, held-out terms, plans."""
 
 import dataclasses
-import gzip
 
 import gymnasium as gym
 import numpy as np
@@ -15,10 +14,10 @@ from benchmarks.identification.logs import columns, read, refuse_twice
 from benchmarks.identification.model import INDEX, parameters_of, windows
 from benchmarks.identification.result import arm_of
 from fbl_gym import scenarios
-from fbl_gym.envs.env import TwoLinkArmEnv
 from fbl_gym.model.arm import inertia_matrix
 from fbl_gym.records.record import ends
 from tests import identification_coverage
+from tests.identification_coverage import NAMES, move, write
 
 START = scenarios.get("dfki-c1")
 ROBOT = START.replace(
@@ -31,26 +30,11 @@ ZERO = (0.05, -0.04)
 
 
 def run(seed, zero=(0.0, 0.0), robot=ROBOT, seconds=6.0):
-    """Return time, measured positions and commands of a robot under two sines a joint [n x 5]."""
+    """Return a log with jitter, whose positions are zero at some angles."""
     generator = np.random.default_rng(seed)
-    rate, phase = generator.uniform(2.0, 12.0, (2, 2)), generator.uniform(0, 6.28, (2, 2))
-    env = TwoLinkArmEnv(robot, action="torque")
-    observation, _ = env.reset(seed=seed)
-    rows, jitter = [], generator.uniform(-2e-4, 2e-4, round(seconds / robot.control_dt))
-    for k, late in enumerate(jitter):
-        torque = ((0.4, 0.25) * np.sin(rate * k * robot.control_dt + phase)).sum(axis=0)
-        rows.append([k * robot.control_dt + late, *(observation[:2] - zero), *torque])
-        observation, *_ = env.step(torque.astype(np.float32))
-    return np.array(rows)
-
-
-NAMES = ("time_s", "position_1_rad", "position_2_rad", "torque_1_Nm", "torque_2_Nm")
-
-
-def write(path, rows, names=NAMES):
-    with (gzip.open if path.suffix == ".gz" else open)(path, "wt") as file:
-        np.savetxt(file, rows, delimiter=",", header=",".join(names), comments="")
-    return path
+    rows = move(robot.replace(duration=seconds), generator, (0.4, 0.25)) - [0.0, *zero, 0.0, 0.0]
+    rows[:, 0] += generator.uniform(-2e-4, 2e-4, len(rows))
+    return rows
 
 
 @pytest.fixture(scope="module")
@@ -154,12 +138,6 @@ def test_a_log_given_twice_is_refused(rows, files, tmp_path, fbl_gym):
     refuse_twice([read(path) for path in files])
 
 
-def test_logs_of_two_rates_do_not_mix(files):
-    log = read(files[0])
-    with pytest.raises(ValueError, match="one rate"):
-        windows([log, dataclasses.replace(log, dt=2 * log.dt)])
-
-
 @pytest.mark.parametrize(
     ("text", "message"), [("", "header.*No columns"), ("time_s,a\n1,2\n1,2,3\n", "equal lines.*line 3")]
 )
@@ -172,11 +150,13 @@ def test_a_file_that_is_no_table_is_refused(tmp_path, text, message):
 # Fitting.
 
 
-def test_logs_of_two_robots_are_refused(files, tmp_path):
+def test_logs_of_two_robots_or_rates_are_refused(files, tmp_path):
     heavy = ROBOT.replace(arm=dataclasses.replace(ROBOT.arm, m1=1.2, m2=1.0))
-    other = read(write(tmp_path / "heavy.csv", run(5, robot=heavy)))
+    logs = [read(path) for path in (*files, write(tmp_path / "heavy.csv", run(5, robot=heavy)))]
     with pytest.raises(ValueError, match="one robot"):
-        identify([read(path) for path in files] + [other], START)
+        identify(logs, START)
+    with pytest.raises(ValueError, match="one rate"):
+        windows([logs[0], dataclasses.replace(logs[1], dt=2 * logs[1].dt)])
 
 
 @pytest.mark.parametrize(
@@ -213,7 +193,7 @@ def test_the_drive_that_has_torque_fixes_the_scale(tmp_path, monkeypatch):
     rows = run(6, robot=robot, seconds=8.0) * [1, 1, 1, 1, 0]
     start = START.replace(arm=dataclasses.replace(START.arm, m1=1.2 * START.arm.m1, m2=1.2 * START.arm.m2))
     found = identify([read(write(tmp_path / "pendubot.csv", rows))], start)
-    low, high = found.interval()[INDEX["p4"]]
+    low, high = found.interval[INDEX["p4"]]
     assert found.passive == (2,)
     assert "gain 1 fixes; gain 2 is unknown" in result.scale_of(found)
     assert 0.998 * low < robot.arm.lumped[3] < 1.002 * high
@@ -237,12 +217,10 @@ def test_the_simulation_is_the_environments(files):
 
 
 def test_the_arm_and_the_zeros_of_a_log_are_found_again(fit):
-    true = parameters_of(ROBOT)
-    for name in fit.free:
-        assert fit.parameters[INDEX[name]] == pytest.approx(true[INDEX[name]], rel=0.15, abs=2e-3), name
+    free = [INDEX[name] for name in fit.free]
+    assert fit.parameters[free] == pytest.approx(parameters_of(ROBOT)[free], rel=0.15, abs=2e-3)
     assert {"rotor 2", "gain 1", "viscous 1"} <= set(fit.free)
-    widths = np.ptp(fit.interval(), axis=1)[[INDEX[name] for name in fit.free]]
-    assert (widths > 0).all()
+    assert (np.ptp(fit.interval, axis=1)[free] > 0).all()
     assert fit.weak == {}
     assert fit.zero == pytest.approx(np.array([(0, 0), ZERO]), abs=5e-3)
     arm = arm_of(fit.parameters, START.arm)
@@ -257,7 +235,7 @@ def test_what_a_log_cannot_tell_is_named(tmp_path, monkeypatch):
     robot = ROBOT.replace(friction={"viscous": (0.02, 0.01), "coulomb": (0.1, 5.0)})
     still = [read(write(tmp_path / f"{seed}.csv", run(seed, robot=robot, seconds=6.0))) for seed in (3, 4)]
     found = identify(still, START)
-    assert "slow moves" in found.weak.get("coulomb 2", "") or ends(tuple(found.interval()[INDEX["coulomb 2"]]))[1] > 0.5
+    assert "slow moves" in found.weak.get("coulomb 2", "") or ends(tuple(found.interval[INDEX["coulomb 2"]]))[1] > 0.5
 
 
 # Planning.
@@ -270,7 +248,7 @@ def test_a_plan_starts_at_rest_and_keeps_limits():
     assert (np.abs(motion["position"] - (-1.5, 0.2)).max(axis=0) <= np.array([0.8, 1.2]) * 1.01).all()
     assert np.abs(motion["velocity"]).max() <= 4.04
     assert np.abs(motion["torque"]).max() <= 0.71 * 10.0
-    slope = np.gradient(motion["position"], 0.01, axis=0)
+    slope = np.gradient(motion["position"], START.control_dt, axis=0)
     assert slope[1:-1] == pytest.approx(motion["velocity"][1:-1], abs=0.02)
     assert condition < 40
 

@@ -108,3 +108,22 @@ def test_a_large_error_is_braked_in_time(encoder):
         errors, _ = tracking(controllers.make("lqg-elastic", env, bandwidth=60.0, braking=braking), env, 1000)
         overshoot.append((-errors * np.sign(errors[0])).max())
     assert overshoot[0] < 0.005 < 0.05 < overshoot[1]
+
+
+def test_an_oscillation_takes_the_careful_law():
+    """At a small onset the schedule is the careful law, at a large one the fast one."""
+    law, env = made("none")
+    ends = {
+        1e-9: controllers.make("lqg-elastic", env, observer=0.75 * law.observer),
+        1e9: controllers.make("lqg-elastic", env, observer=1.5 * law.observer),
+    }
+    for onset, alone in ends.items():
+        scheduled = controllers.make("lqg-elastic-scheduled", env, onset=onset)
+        observation, states = env.reset(seed=0)[0], [None, None]
+        for _ in range(50):
+            actions, states = zip(
+                *(x.predict(observation, state) for x, state in zip((scheduled, alone), states, strict=True)),
+                strict=True,
+            )
+            np.testing.assert_allclose(*actions, rtol=1e-6, atol=1e-9)
+            observation = env.step(actions[1])[0]

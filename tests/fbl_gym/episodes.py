@@ -1,14 +1,17 @@
 """Episodes: with many options, in pairs with and without one, and of an arm with dry friction."""
 
 import functools
+from importlib.util import find_spec
 
 import numpy as np
+import pytest
 
 from fbl_gym import ArmParameters, TwoLinkArmEnv, TwoLinkArmVectorEnv, options
 
 ID = "fbl_gym/TwoLinkArm-v0"
 TRACKING = "fbl_gym/TwoLinkArmTracking-v0"
 MUJOCO = "fbl_gym/TwoLinkArmMuJoCo-v0"
+needs_mujoco = pytest.mark.skipif(find_spec("mujoco") is None, reason="needs the extra mujoco")
 TIGHT = {"low": (-2.2, -0.9), "high": (-1.2, 0.6), "velocity": (1.0, 1.5)}
 """Constraints that an arm exceeds now and then."""
 

@@ -9,6 +9,7 @@ import shutil
 import subprocess
 import sys
 from collections import defaultdict
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import grimp
@@ -20,11 +21,15 @@ import benchmarks
 import controllers
 import fbl_gym
 from fbl_gym.kernel.maths import fastmath
-from fbl_gym.kernel.memory.program import make_program
 from fbl_gym.kernel.step import api
 from fbl_gym.model.arm import inertia_terms
-from fbl_gym.options import Reward
-from fbl_gym.scenarios import Scenario
+
+
+def run(*arguments, cache=None):
+    """Run code in a process of its own, which keeps compiled code in a folder."""
+    environment = {**os.environ, "NUMBA_CACHE_DIR": str(cache)} if cache else None
+    return subprocess.run([sys.executable, "-c", *arguments], env=environment, capture_output=True, text=True)
+
 
 WITHOUT_CACHE = """
 from numba.core import caching
@@ -41,7 +46,7 @@ print(api.STEPS[0]._cache.cache_path or "memory alone")
 
 @pytest.mark.slow
 def test_an_environment_works_without_a_writable_cache():
-    done = subprocess.run([sys.executable, "-c", WITHOUT_CACHE], capture_output=True, text=True)
+    done = run(WITHOUT_CACHE)
     assert done.returncode == 0, done.stderr
     assert done.stdout.splitlines() == ["(12,)", "memory alone"]
     assert done.stderr.count("RuntimeWarning: compiled code cannot be kept") == 1
@@ -60,18 +65,15 @@ print(env.step(np.array([0.1, -0.2]))[0].tobytes().hex())
 @pytest.mark.slow
 def test_processes_share_what_one_has_compiled(tmp_path):
     """Two processes compile at once; a later one compiles nothing."""
-    environment = {**os.environ, "NUMBA_CACHE_DIR": str(tmp_path)}
-    command = [sys.executable, "-c", TOGETHER]
-    pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE}
-    workers = [subprocess.Popen(command, env=environment, text=True, **pipes) for _ in range(2)]
-    outputs = [worker.communicate() for worker in workers]
+    with ThreadPoolExecutor() as threads:
+        workers = [*threads.map(lambda _: run(TOGETHER, cache=tmp_path), range(2))]
     assert [worker.returncode for worker in workers] == [0, 0]
-    assert sum("compiles its code once" in text for _, text in outputs) == 1
+    assert sum("compiles its code once" in worker.stderr for worker in workers) == 1
     files = {path: path.stat().st_mtime_ns for path in tmp_path.rglob("*.nb?")}
     assert files
-    later = subprocess.run(command, env=environment, capture_output=True, text=True, check=True)
-    assert [text for text, _ in outputs] == [later.stdout] * 2
-    assert later.stderr == ""
+    later = run(TOGETHER, cache=tmp_path)
+    assert [worker.stdout for worker in workers] == [later.stdout] * 2
+    assert (later.returncode, later.stderr) == (0, "")
     assert {path: path.stat().st_mtime_ns for path in tmp_path.rglob("*.nb?")} == files
 
 
@@ -112,10 +114,7 @@ def test_readings_are_true_whichever_process_filled_the_cache(tmp_path, order):
     check = "import sys; from benchmarks.cli import doctor; "
     check += "doctor.CLASSES = {name: doctor.CLASSES[name] for name in sys.argv[1].split()}; sys.exit(doctor._check_readings())"
     for classes in (*order.split(), order, " ".join(reversed(order.split()))):
-        command = [sys.executable, "-c", check, classes]
-        done = subprocess.run(
-            command, env={**os.environ, "NUMBA_CACHE_DIR": str(tmp_path)}, capture_output=True, text=True
-        )
+        done = run(check, classes, cache=tmp_path)
         assert done.returncode == 0, done.stdout + done.stderr
 
 
@@ -144,16 +143,3 @@ def test_a_change_of_any_source_changes_the_key(tmp_path):
     keys = {step._cache._index_key(None, step.targetctx.codegen()) for step in api.STEPS}
     assert len({step._cache._impl.filename_base for step in api.STEPS}) == len(api.STEPS)
     assert {key[-1] for key in keys} == {fastmath.DIGEST}
-
-
-@pytest.mark.parametrize(
-    ("options", "number"),
-    [
-        ({"parameter_error": 1.3, "actuator": {"delay": 0.01}}, 0), ({"noise": {"position": 1e-3}}, 1),
-        ({"encoder": {"difference": 1}}, 2), ({"joint": {"stiffness": 3000.0, "rotor_inertia": 1.0}}, 3),
-        ({"link": 8.0}, 4),
-    ],
-)  # fmt: skip
-def test_a_scenario_gets_the_step_of_its_class(options, number):
-    program = make_program(Scenario(**options), action="normalized", reward=Reward(), preview=0)
-    assert api.step_number(program.settings) == number

@@ -7,15 +7,16 @@ import numpy as np
 import pytest
 
 from fbl_gym import TwoLinkArmEnv, TwoLinkArmVectorEnv
-from tests.fbl_gym.episodes import EVENTFUL, RECORDS, episode, started, started_batch
+from tests.fbl_gym.episodes import EVENTFUL, RECORDS, episode, needs_mujoco, started, started_batch
+
+ON_MUJOCO = pytest.param({"scenario": "everything-2@mujoco"}, marks=needs_mujoco)
+PLANT = pytest.param({"plant": "mujoco"}, marks=needs_mujoco)
 
 
-@pytest.mark.parametrize("options", [RECORDS, {"scenario": "everything-2@mujoco"}], ids=["own", "mujoco"])
+@pytest.mark.parametrize("options", [RECORDS, ON_MUJOCO], ids=["own", "mujoco"])
 @pytest.mark.parametrize("copied", [lambda env: pickle.loads(pickle.dumps(env)), copy.deepcopy], ids=["pickle", "copy"])
 def test_a_copy_in_mid_episode_continues_independently(copied, options):
     """Its steps, its truth, its next episode and those of its seeds are those of the original."""
-    if options is not RECORDS:
-        pytest.importorskip("mujoco")
     env = TwoLinkArmEnv(**options)
     episode(env, 10)
     other = copied(env)
@@ -41,11 +42,9 @@ def test_an_environment_unpickled_onto_read_only_memory_steps():
 
 
 @pytest.mark.parametrize("lanes", [None, 20], ids=["single", "batch"])
-@pytest.mark.parametrize("options", [EVENTFUL, {"scenario": "everything-2@mujoco"}], ids=["own", "mujoco"])
+@pytest.mark.parametrize("options", [EVENTFUL, ON_MUJOCO], ids=["own", "mujoco"])
 def test_a_state_that_is_set_continues_as_before(lanes, options):
     """Through the start of another episode, in an environment that has not begun."""
-    if options is not EVENTFUL:
-        pytest.importorskip("mujoco")
     make = TwoLinkArmEnv if lanes is None else lambda **options: TwoLinkArmVectorEnv(lanes, **options)
     env, other = make(**options), make(**options)
     env.reset(seed=1)
@@ -62,12 +61,10 @@ def test_a_state_that_is_set_continues_as_before(lanes, options):
 
 
 @pytest.mark.parametrize(
-    "options", [{}, {"joint": {"frequency": 12.0, "rotor_inertia": 0.5}, "physics_dt": 5e-4}, {"plant": "mujoco"}]
+    "options", [{}, {"joint": {"frequency": 12.0, "rotor_inertia": 0.5}, "physics_dt": 5e-4}, PLANT]
 )
 def test_an_episode_starts_where_reset_says(options):
     """And the next one starts on its own reference again."""
-    if "plant" in options:
-        pytest.importorskip("mujoco")
     start = {"position": (-1.2, 0.4), "velocity": (0.5, -0.25), "reference": (-1.0, 0.5)}
     env, plain = TwoLinkArmEnv(**options), TwoLinkArmEnv(**options)
     env.reset(seed=3, options=start)
@@ -95,13 +92,10 @@ def test_some_lanes_of_a_batch_start_where_reset_says():
         ({"velocity": 1.0}, r"velocity must be finite numbers of shape \(2,\), got 1.0"),
         ({"reference": np.zeros((99, 2))}, "or fewer way-points, got shape"),
         ({"positon": (0.0, 0.0)}, "did you mean 'position'"),
+        ({"reference": (0.0, 0.0)}, r"must be left out: .* this reference is sine"),
     ],
 )
 def test_a_start_that_cannot_be_is_refused(options, reason):
+    reference = "sine" if "sine" in reason else "minimum-jerk"
     with pytest.raises(ValueError, match=reason):
-        started().reset(options=options)
-
-
-def test_a_reference_without_way_points_takes_none():
-    with pytest.raises(ValueError, match=r"must be left out: .* this reference is sine"):
-        TwoLinkArmEnv(reference={"kind": "sine"}).reset(options={"reference": (0.0, 0.0)})
+        TwoLinkArmEnv(reference=reference).reset(options=options)

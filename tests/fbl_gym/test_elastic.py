@@ -168,12 +168,7 @@ def test_a_frequency_is_that_of_a_joint_alone():
     """A knock on the second joint, with motors and first link held by their inertia."""
     arm = ArmParameters(m1=1e6, gravity=0.0)
     joint = {"frequency": (3.0, {"uniform": [8.0, 12.0]}), "rotor_inertia": 1e6}
-    options = {
-        "arm": arm,
-        "reference": {**HELD, "amplitude": 0.0},
-        "actuator": {"torque_limit": 1e9},
-        "control_dt": 1e-3,
-    }
+    options = {"arm": arm, "reference": HELD, "actuator": {"torque_limit": 1e9}, "control_dt": 1e-3}
     options["events"] = [{"kind": "knock", "time": 0.0, "impulse": (0.0, 0.1)}]
     env = started(joint=joint, **options)
     inertia, (low, high) = inertia_matrix(arm, (0.0, 0.0)).diagonal(), np.array(env.interface.stiffness)

@@ -1,13 +1,15 @@
-"""The single environment fulfils the rules of Gymnasium and stable-baselines3."""
+"""The single environment: rules of Gymnasium and stable-baselines3, seeds, infos and contexts."""
+
+import random
 
 import gymnasium as gym
 import numpy as np
 import pytest
-from gymnasium.error import ResetNeeded
 from gymnasium.utils.env_checker import check_env
 
-from fbl_gym import TwoLinkArmEnv
-from tests.fbl_gym.episodes import ID, MUJOCO, RECORDS, TIGHT, TRACKING, started
+import fbl_gym
+from fbl_gym import TwoLinkArmEnv, TwoLinkArmVectorEnv
+from tests.fbl_gym.episodes import ID, MUJOCO, RECORDS, TIGHT, TRACKING, episode, needs_mujoco, started
 
 COSTS = {"constraints": TIGHT}
 PASSIVE = {"scenario": "dfki-c1-acrobot"}
@@ -18,30 +20,15 @@ PASSIVE = {"scenario": "dfki-c1-acrobot"}
     [
         *[(ID, options) for options in ({}, RECORDS, {"scenario": "everything-3"}, COSTS, PASSIVE)],
         *[(TRACKING, options) for options in ({}, RECORDS, {"scenario": "servo-delay-2"}, COSTS, PASSIVE)],
-        *[(MUJOCO, options) for options in ({}, {"scenario": "everything-2"}, PASSIVE)],
+        *[pytest.param(MUJOCO, options, marks=needs_mujoco) for options in ({}, {"scenario": "everything-2"}, PASSIVE)],
     ],
     ids=lambda value: str(value)[:30],
 )
 def test_checkers_pass_without_a_warning(name, options):
     """pytest turns every warning into an error, with those of Gymnasium's logger."""
-    if name == MUJOCO:
-        pytest.importorskip("mujoco")
     env = gym.make(name, **options)
     check_env(env.unwrapped)
     pytest.importorskip("stable_baselines3.common.env_checker").check_env(env)
-
-
-def test_an_episode_is_truncated_after_its_duration_and_then_needs_a_reset():
-    env = TwoLinkArmEnv(duration=0.2)
-    with pytest.raises(ResetNeeded, match=r"call reset\(\)"):
-        env.step((0, 0))
-    env.reset(seed=0)
-    flags = [env.step((0, 0))[2:4] for _ in range(20)]
-    assert flags == [(False, False)] * 19 + [(False, True)]
-    with pytest.raises(ResetNeeded):
-        env.step((0, 0))
-    env.reset()
-    env.step((0, 0))
 
 
 def test_truth_is_a_copy_and_reading_it_changes_nothing():
@@ -72,3 +59,94 @@ def test_an_action_is_neither_changed_nor_shared():
     action[:] = 0.0
     twin.step((3.0, -0.5))
     np.testing.assert_array_equal(env.step((0.1, 0.1))[0], twin.step((0.1, 0.1))[0])
+
+
+@pytest.mark.parametrize("reward", [{}, {"tracking": "l1", "weight_effort": 0.5, "weight_chatter": 0.0}], ids=str)
+def test_the_losses_add_up_to_the_reward(reward):
+    env = TwoLinkArmEnv("everything-2", reward=reward, info=True)
+    assert env.reset(seed=0)[1] == {}
+    rng = np.random.default_rng(0)
+    for _ in range(30):
+        _, value, _, _, info = env.step(rng.uniform(-1.5, 1.5, 2))
+        losses = sum(info[f"{name}_loss"] for name in ("tracking", "effort", "chatter"))
+        assert value == pytest.approx(1.0 - losses, abs=1e-9)
+        np.testing.assert_array_equal(info["tracking_error"], env.truth.reference - env.truth.position)
+    env.step((1.0, 0.0))
+    assert env.step((-1.5, 0.5))[4]["saturation"] == 0.5
+
+
+@pytest.mark.parametrize("action", ["normalized", "torque", "acceleration"])
+def test_previous_actions_are_observed_on_demand(action):
+    plain, env = TwoLinkArmEnv(action=action), TwoLinkArmEnv(action=action, past_actions=2)
+    a, b = plain.reset(seed=0)[0], env.reset(seed=0)[0]
+    assert len(b) == len(a) + 4
+    for action in ((0.1, 0.2), (0.3, 0.4)):
+        a, b = plain.step(action)[0], env.step(action)[0]
+        np.testing.assert_array_equal(a, b[: len(a)])
+    np.testing.assert_array_equal(b[-4:], [0.3, 0.4, 0.1, 0.2])
+
+
+@pytest.mark.parametrize("name", ["TwoLinkArmEnv", "TwoLinkArmTrackingEnv"])
+def test_the_context_is_the_truth_of_the_episode_and_not_observed(name):
+    make = getattr(fbl_gym, name)
+    env, plain = make("servo-practice-everything-3", context=True), make("servo-practice-everything-3")
+    assert env.observation_space == plain.observation_space
+    contexts = []
+    for seed in (0, None):
+        (observation, info), (twin, nothing) = env.reset(seed=seed), plain.reset(seed=seed)
+        np.testing.assert_array_equal(observation, twin)
+        assert (info.keys(), nothing, info["context"].shape) == ({"context"}, {}, (len(env.context_names),))
+        numbers, truth = dict(zip(env.context_names, info["context"], strict=True)), env.truth
+        for field in ("viscous", "coulomb", "load_friction", "gain", "stiffness"):
+            assert [numbers[f"{field}[{joint}]"] for joint in (0, 1)] == getattr(truth, field).tolist()
+        assert [numbers[f"parameters[{i}]"] for i in range(4)] == [*truth.masses, *truth.lengths]
+        assert numbers["delay[0]"] * env.scenario.physics_dt == pytest.approx(truth.delay)
+        assert np.isfinite(info["context"]).all()
+        contexts.append(info["context"])
+        np.testing.assert_array_equal(env.step((0.1, 0.1))[0], plain.step((0.1, 0.1))[0])
+        assert env.step((0.1, 0.1))[4] == {}
+        plain.step((0.1, 0.1))
+    assert np.mean(contexts[0] != contexts[1]) > 0.2
+
+
+@pytest.mark.parametrize("options", [{"scenario": "everything-2"}, RECORDS], ids=["scenario", "records"])
+def test_an_episode_is_a_function_of_its_seed(options):
+    env = TwoLinkArmEnv(**options)
+    first, other = episode(env, seed=1), episode(env, 21, seed=2)
+    assert not np.array_equal(first[:22], other)
+    for steps in (0, 14):  # whatever episodes came before
+        episode(env, steps, seed=3)
+        np.testing.assert_array_equal(first, episode(env, seed=1))
+    second = started(**options, seed=1).reset()[0]
+    assert not np.array_equal(second, first[0, :-1])
+    np.testing.assert_array_equal(started(**options, seed=1).reset()[0], second)
+
+
+def test_no_numpy_or_python_random_state_is_touched_by_making_seeding_or_drawing():
+    before = random.getstate(), repr(np.random.get_state(legacy=False))  # noqa: NPY002
+    env = TwoLinkArmEnv("everything-3", reference="fourier")
+    env.reset()
+    env.reset(seed=4)
+    episode(env)
+    assert random.getstate() == before[0]
+    assert repr(np.random.get_state(legacy=False)) == before[1]  # noqa: NPY002
+
+
+@pytest.mark.parametrize("seed", [-1, 1.5, "1", True, 2**64])
+def test_a_bad_seed_is_an_error(seed):
+    env = TwoLinkArmEnv()
+    with pytest.raises(ValueError, match="seed must be"):
+        env.reset(seed=seed)
+    env.reset(seed=2**64 - 1)
+
+
+def test_seeds_may_be_numpy_numbers():
+    env = TwoLinkArmVectorEnv(2)
+    first, _ = env.reset(seed=np.int64(3))
+    np.testing.assert_array_equal(first, env.reset(seed=np.array([3, 4]))[0])
+    np.testing.assert_array_equal(first, env.reset(seed=(3, 4))[0])
+
+
+def test_episodes_and_lanes_without_a_seed_differ():
+    starts = [TwoLinkArmEnv().reset()[0][0] for _ in range(2)]
+    assert len({*starts, *TwoLinkArmVectorEnv(16).reset()[0][:, 0]}) == 18

@@ -132,13 +132,9 @@ def test_blows_and_grasps_keep_the_momentum_of_the_whole_chain(joint):
 )  # fmt: skip
 def test_an_arm_starts_in_a_stable_balance_of_its_bent_links(frequency, payload, mass, speed):
     """In all poses, upright too: no torque is left on the hinges, and a small bend raises one against it."""
-    arm, k = (
-        ArmParameters(),
-        np.diag(straight_chain(ArmParameters(), 0.0)[0])[2:] * (2 * np.pi * np.array(frequency)) ** 2,
-    )
-    segments = segment_terms(
-        mass * arm.m1, mass * arm.m2, arm.L1, arm.L2, arm.centre, arm.inertia, payload, arm.L2, 0.0
-    )
+    arm, rate = ArmParameters(), 2 * np.pi * np.array(frequency)
+    k, masses = np.diag(straight_chain(arm, 0.0)[0])[2:] * rate**2, (mass * arm.m1, mass * arm.m2)
+    segments = segment_terms(*masses, arm.L1, arm.L2, arm.centre, arm.inertia, payload, arm.L2, 0.0)
     error = {"ratio": {"m1": mass, "m2": mass}, "payload": payload}
     for q in [(np.pi / 2, 0.0), (-np.pi / 2, 0.0), *np.random.default_rng(0).uniform(-np.pi, np.pi, (40, 2))]:
         start = {"reference": {**HELD, "centre": tuple(q)}, "initial_velocity": speed}

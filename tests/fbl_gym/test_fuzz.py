@@ -20,6 +20,7 @@ from fbl_gym.interface import ACTIONS
 from fbl_gym.model.arm import ARMS
 from fbl_gym.model.real_arms import REAL_ARMS
 from tests.fbl_gym.declared import FIELDS
+from tests.fbl_gym.episodes import PLANT, started, torques
 from tests.fbl_gym.test_lanes import compare
 
 MAX = 2**64 - 1
@@ -70,7 +71,7 @@ ROWS = st.lists(st.tuples(st.floats(-4, 4), st.floats(-4, 4)), min_size=1, max_s
 SET = ("physics_dt", "control_dt", "duration", "sensors", "plant")
 """Options that are drawn together, and MuJoCo, which has tests of its own."""
 
-PLANT = ("arm", "parameter_error", "friction", "joint", "link", "physics_dt", "control_dt", "duration", "events")
+MOVES = ("arm", "parameter_error", "friction", "joint", "link", "physics_dt", "control_dt", "duration", "events")
 
 
 def range_of(field):
@@ -140,7 +141,7 @@ def without(fields, *names):
 def fits(options):
     """Return True if the physics step is short enough for the plant."""
     with contextlib.suppress(ValueError):
-        return bool(Scenario(**{name: options[name] for name in PLANT if name in options}))
+        return bool(Scenario(**{name: options[name] for name in MOVES if name in options}))
     return False
 
 
@@ -243,3 +244,24 @@ def test_lanes_equal_single_environments_for_every_valid_combination(options, se
     ours = TwoLinkArmVectorEnv(lanes, autoreset_mode=mode, **options)
     theirs = SyncVectorEnv([lambda: TwoLinkArmEnv(**options)] * lanes, autoreset_mode=mode)
     compare(ours, theirs, actions_of(choice, lanes, ours), 25, seed)
+
+
+@settings(max_examples=60, deadline=None, suppress_health_check=list(HealthCheck))
+@given(environments(), st.integers(0, 1000))
+def test_a_held_decision_is_the_same_as_a_repeated_one(options, seed):
+    """To the bit: n physics steps under one command are n intervals of one step under the same command.
+
+    Delay, lag, payload, events and every disturbance act at their times, multiples of control_dt or not.
+    """
+    drive = without(options.get("actuator"), "jitter", "delay_samples")  # these count in control steps
+    options = {**without(options, "limits"), "action": "torque", "actuator": drive}
+    coarse = started(**options, seed=seed)
+    fine = started(**{**options, "control_dt": options["physics_dt"]}, seed=seed)
+    for k in range(coarse.scenario.steps):
+        torque = torques(7 * k, 1)[0]
+        coarse.step(torque)
+        for _ in range(coarse.scenario.substeps):
+            if fine.step(torque)[2]:
+                return
+        for name in set(PLANT) - {"reference"}:
+            np.testing.assert_array_equal(getattr(coarse.truth, name), getattr(fine.truth, name), err_msg=name)

@@ -1,4 +1,4 @@
-"""The option `limits`: bounds of the spaces, and the end of the episode of an arm that diverged or is lost."""
+"""The options `limits` and `constraints`: bounds, costs, and the end of the episode of an arm that diverged or is lost."""
 
 import gymnasium as gym
 import numpy as np
@@ -6,8 +6,8 @@ import pytest
 from gymnasium.envs.registration import EnvSpec
 from gymnasium.error import ResetNeeded
 
-from fbl_gym import TwoLinkArmEnv, TwoLinkArmVectorEnv
-from tests.fbl_gym.episodes import ID, started
+from fbl_gym import Constraints, Scenario, TwoLinkArmEnv, TwoLinkArmVectorEnv
+from tests.fbl_gym.episodes import ID, TIGHT, started
 
 STILL = {"kind": "array", "position": [(0.2, 0.1)]}
 
@@ -50,7 +50,7 @@ def test_divergence_ends_the_episode_also_at_the_last_step():
     steps = [env.step((1.0, 1.0)) for _ in range(last)]
     assert [step[2:4] for step in steps] == [(False, False)] * (last - 1) + [(True, True)]
     assert min(step[1] for step in steps[:-1]) > 0.0 == steps[-1][1]
-    with pytest.raises(ResetNeeded):
+    with pytest.raises(ResetNeeded, match=r"call reset\(\)"):
         env.step((0.0, 0.0))
     env.reset()
     assert not env.step((0.0, 0.0))[2]
@@ -94,12 +94,9 @@ def test_an_arm_that_comes_back_in_time_is_not_lost():
     assert (terminated, truncated) == (False, True)
 
 
-@pytest.mark.parametrize("limits", [{}, {"error": 0.01, "error_time": 1.7e308}], ids=str)
-def test_an_arm_may_be_far_from_its_reference_unless_a_limit_ends_it(limits):
-    assert end(limits=limits)[1:3] == (False, True)
-
-
-def test_an_error_time_of_one_step_ends_at_once():
+def test_an_arm_may_be_far_from_its_reference_unless_a_limit_ends_it():
+    for limits in ({}, {"error": 0.01, "error_time": 1.7e308}):
+        assert end(limits=limits)[1:3] == (False, True)
     assert end(limits={"error": 0.1, "error_time": 0.01}, initial_error=0.2)[:2] == (1, True)
 
 
@@ -107,6 +104,8 @@ def test_the_truth_needs_an_episode():
     for env in (TwoLinkArmEnv(), TwoLinkArmVectorEnv(2)):
         with pytest.raises(ResetNeeded, match=r"call reset\(\) before reading truth: no episode has begun"):
             _ = env.truth
+        with pytest.raises(ResetNeeded, match=r"call reset\(\)"):
+            env.step(np.zeros(env.action_space.shape))
         env.reset(seed=0)
         assert env.truth.position.shape[-1] == 2
 
@@ -117,3 +116,59 @@ def test_arrays_inside_options_survive_the_spec():
     env = gym.make(ID, actuator={"torque_limit": np.array([100.0, 50.0])}, noise=noise, reference=reference)
     again = gym.make(EnvSpec.from_json(env.spec.to_json()))
     assert again.unwrapped.scenario == env.unwrapped.scenario
+
+
+@pytest.mark.parametrize("options", [{}, {"joint": {"stiffness": 4000, "rotor_inertia": 0.5}, "info": True}], ids=str)
+def test_the_cost_is_one_beyond_a_bound(options):
+    env, plain = TwoLinkArmEnv("everything-2", constraints=TIGHT, **options), TwoLinkArmEnv("everything-2", **options)
+    assert env.reset(seed=1)[1] == {}
+    plain.reset(seed=1)
+    costs = []
+    for k in range(80):
+        action = np.full(2, 0.4 if k % 40 < 20 else -0.4)
+        *step, info = env.step(action)
+        for ours, theirs in zip(step, plain.step(action), strict=False):
+            np.testing.assert_array_equal(ours, theirs)
+        truth = env.truth
+        assert info["cost"] == env.scenario.constraints.violated(truth.position, truth.velocity)
+        costs.append(info["cost"])
+    assert set(costs) == {0.0, 1.0}
+    assert set(info) == ({"cost"} if not options else {*plain.step(action)[4], "cost"})
+
+
+@pytest.mark.parametrize(
+    ("bound", "value", "joint"),
+    [("low", (-1.5, -9.0), 0), ("high", (9.0, 0.3), 1), ("velocity", (0.5, 99.0), 0), ("velocity", (99.0, 0.5), 1)],
+)
+def test_each_bound_counts(bound, value, joint):
+    env = started(constraints={bound: value}, action="torque", seed=3)
+    costs = set()
+    for _ in range(100):
+        cost = env.step((0.0, 0.0))[4]["cost"]
+        position, speed = env.truth.position[joint], abs(env.truth.velocity[joint])
+        distances = {"low": position - value[joint], "high": value[joint] - position, "velocity": value[joint] - speed}
+        costs.add(cost)
+        assert cost == (distances[bound] < 0.0)
+    assert costs == {0.0, 1.0}
+    assert Constraints(**{bound: value}) == env.interface.constraints
+
+
+def test_an_end_has_no_reward():
+    env = started(constraints={**TIGHT, "violation": "end"})
+    while not (step := env.step((0.3, 0.3)))[2]:
+        assert step[4]["cost"] == 0.0
+    assert (step[1], step[4]["cost"]) == (0.0, 1.0)
+
+
+@pytest.mark.parametrize(
+    ("control_dt", "physics_dt", "substeps"),
+    [(0.01, 0.001, 10), (0.001, 0.001, 1), (0.3, 0.1, 3), (1 / 30, 1 / 300, 10), (0.02, 1e-4, 200), (0.7, 0.1, 7)],
+)
+def test_any_physics_step_that_divides_the_control_step_works(control_dt, physics_dt, substeps):
+    scenario = Scenario(control_dt=control_dt, physics_dt=physics_dt, duration=3 * control_dt)
+    assert scenario.substeps == substeps
+    env = started(scenario)
+    assert [env.step((0.0, 0.0))[2:4] for _ in range(3)] == [(False, False)] * 2 + [(False, True)]
+    with pytest.raises(ResetNeeded):
+        env.step((0.0, 0.0))
+    assert env.truth.time == pytest.approx(3 * control_dt)

@@ -17,11 +17,10 @@ from scipy import ndimage
 from fbl_gym import TwoLinkArmEnv, TwoLinkArmVectorEnv
 from fbl_gym.model.arm import ArmParameters, joint_positions
 from fbl_gym.view import picture, render
-from fbl_gym.view.picture import INK, ORANGE, RULE, Picture, draw
+from fbl_gym.view.picture import INK, ORANGE, RULE, draw
 from fbl_gym.view.render import View
-from tests.fbl_gym.episodes import started, started_batch
+from tests.fbl_gym.episodes import ID, started, started_batch
 
-ID = "fbl_gym/TwoLinkArm-v0"
 ACTION = np.array([0.1, -0.05])
 
 
@@ -33,12 +32,13 @@ def _without_a_display(monkeypatch):
     render.pygame.display.quit()
 
 
-def instant(**changes):
-    plain = {
-        "title": "", "time": 0.0, "lengths": (0.7, 0.5), "position": (0.6, 1.1), "reference": (0.6, 1.1), "bend": (0.0, 0.0),
-        "torque": (0.0, 0.0), "disturbance": None, "payload": 0.0,
-    }  # fmt: skip
-    return Picture(**(plain | changes))
+def drawn(size=480, title="", disturbed=False, **changes):
+    """Return the frame of an instant of an arm at rest, with some changes."""
+    pairs = {"lengths": (0.7, 0.5), "position": (0.6, 1.1), "reference": (0.6, 1.1)}
+    pairs |= dict.fromkeys(("bend", "applied_torque", "disturbance"), (0.0, 0.0))
+    truth = {"time": 0.0, "payload": 0.0, **pairs, **changes}
+    truth = {name: np.array(value) for name, value in truth.items()}
+    return draw(SimpleNamespace(**truth), title, size, disturbed)
 
 
 def mask(frame, colour):
@@ -67,49 +67,48 @@ def test_joints_are_drawn_at_the_positions_of_the_kinematics(size, lengths):
     arm = ArmParameters(L1=lengths[0], L2=lengths[1])
     for q in ((0.6, 1.1), (-1.4, 0.3), (2.9, -1.9), (4.0, 0.9)):
         expected = joint_positions(arm, q) / sum(lengths) * (1, -1) * 0.35 * size + (0.5 * size, 0.458 * size)
-        drawn = discs(draw(instant(lengths=lengths, position=q, reference=q), size), expected)
-        np.testing.assert_allclose(drawn, expected, atol=0.5)
+        seen = discs(drawn(size, lengths=lengths, position=q, reference=q), expected)
+        np.testing.assert_allclose(seen, expected, atol=0.5)
 
 
-def test_an_environment_draws_the_real_arm():
-    env = started(parameter_error={"ratio": {"L1": 1.3}, "payload": 3.0}, render_mode="rgb_array")
-    env.step(ACTION)
-    truth, frame = env.truth, env.render()
-    arm = ArmParameters(L1=truth.lengths[0], L2=truth.lengths[1])
-    expected = picture.project(joint_positions(arm, truth.position), tuple(truth.lengths), 480)
-    assert (frame.shape, frame.dtype) == ((480, 480, 3), np.uint8)
-    np.testing.assert_allclose(discs(frame, expected), expected, atol=0.5)
-    assert count(frame, ORANGE) > 100
-
-
-def test_links_bend_in_the_frame():
+@pytest.mark.parametrize(
+    "options",
+    [
+        {"parameter_error": {"ratio": {"L1": 1.3}, "payload": 3.0}, "initial_error": 0.3},
+        {"link": 1.5, "reference": {"kind": "sine", "amplitude": 0.0, "centre": (0.0, 0.5)}},
+    ],
+    ids=["longer", "bent"],
+)
+def test_an_environment_draws_the_real_arm(options):
     """Elbow and tip by complex numbers: a link turns by its bend at 0.15 of its length."""
-    held = {"kind": "sine", "amplitude": 0.0, "centre": (0.0, 0.5)}
-    env = started(link=1.5, reference=held, render_mode="rgb_array")
+    env = started(**options, render_mode="rgb_array")
     (b1, b2), (q1, q2), (l1, l2) = env.truth.bend, env.truth.position, env.truth.lengths
-    assert min(abs(b1), abs(b2)) > 0.1
+    assert (min(abs(b1), abs(b2)) > 0.1) == ("link" in options)
     elbow = l1 * np.exp(1j * q1) * (0.15 + 0.85 * np.exp(1j * b1))
     tip = elbow + l2 * np.exp(1j * (q1 + b1 + q2)) * (0.15 + 0.85 * np.exp(1j * b2))
     expected = picture.project([(p.real, p.imag) for p in (0j, elbow, tip)], (l1, l2), 480)
-    np.testing.assert_allclose(discs(env.render(), expected), expected, atol=0.5)
+    frame = env.render()
+    assert (frame.shape, frame.dtype) == ((480, 480, 3), np.uint8)
+    np.testing.assert_allclose(discs(frame, expected), expected, atol=0.5)
+    assert (count(frame, ORANGE) > 100) == ("link" not in options)
 
 
 def test_a_change_of_the_picture_changes_the_frame():
-    bare = draw(instant())
+    bare = drawn()
     assert count(bare, ORANGE) == 0
-    assert count(draw(instant(payload=2.0)), ORANGE) > 100
-    pairs = {"bend": (0.1, 0.0), "reference": (0.9, 1.1), "torque": (0.1, 0.0), "disturbance": (0.0, 0.0)}
-    for name, value in {"title": "x", "time": 1.0, **pairs}.items():
-        assert not np.array_equal(draw(instant(**{name: value})), bare), name
-    np.testing.assert_array_equal(draw(instant()), bare)
+    assert count(drawn(payload=2.0), ORANGE) > 100
+    pairs = {"bend": (0.1, 0.0), "reference": (0.9, 1.1), "applied_torque": (0.1, 0.0)}
+    for name, value in {"title": "x", "time": 1.0, "disturbed": True, **pairs}.items():
+        assert not np.array_equal(drawn(**{name: value}), bare), name
+    np.testing.assert_array_equal(drawn(), bare)
 
 
 def test_the_payloads_disc_has_an_area_by_its_mass():
     """At the scale of the arm, up to the part that the link covers."""
-    area = {mass: count(draw(instant(payload=mass, position=(2.0, 1.1)), 800), ORANGE) for mass in (0.5, 5.0, 20.0)}
+    area = {mass: count(drawn(800, payload=mass, position=(2.0, 1.1)), ORANGE) for mass in (0.5, 5.0, 20.0)}
     assert area[20.0] / area[5.0] == pytest.approx(4.0, rel=0.15)
     assert 0 < area[0.5] < area[5.0] / 5
-    small = draw(instant(payload=5.0 / 9, position=(2.0, 1.1), lengths=(0.7 / 3, 0.5 / 3)), 800)
+    small = drawn(800, payload=5.0 / 9, position=(2.0, 1.1), lengths=(0.7 / 3, 0.5 / 3))
     assert count(small, ORANGE) == pytest.approx(area[5.0], rel=0.01)
 
 
@@ -117,14 +116,10 @@ def test_the_numbers_are_those_of_the_picture(monkeypatch):
     written = []
     monkeypatch.setattr(picture, "write", lambda canvas, text, *_: written.append(text))
     values = {"title": "here", "time": 1.234, "position": (0.5, 1.2), "payload": 2.5}
-    draw(instant(**values, torque=(-1234.56, 2.0), disturbance=(-3.0, 1e300)))
+    drawn(**values, applied_torque=(-1234.56, 2.0), disturbance=(3.0, -1e300), disturbed=True)
     assert {"here", "1.23 s", "payload 2.5 kg"} < set(written)
-    rows = [
-        ["error [mrad]", "+100.0", "−100.0"],
-        ["torque [N m]", "−1,234.6", "+2.0"],
-        ["disturbance [N m]", "−3.0", "+1.0e+300"],
-    ]
-    assert written[-9:] == [text for row in rows for text in row]
+    rows = ["error [mrad]", "+100.0", "−100.0", "torque [N m]", "−1,234.6", "+2.0"]
+    assert written[-9:] == [*rows, "disturbance [N m]", "−3.0", "+1.0e+300"]
 
 
 def test_drawing_changes_no_episode():
@@ -194,7 +189,9 @@ def test_the_window_shows_the_arm_that_moved_last():
 @pytest.mark.parametrize(("control_dt", "drawn"), [(0.1, 5), (0.01, 25), (0.001, 25)])
 def test_a_window_draws_at_most_fifty_pictures_a_second(monkeypatch, control_dt, drawn):
     frames = []
-    monkeypatch.setattr(render, "draw", lambda instant, size: frames.append(1) or np.zeros((size, size, 3), np.uint8))
+    monkeypatch.setattr(
+        render, "draw", lambda _, __, size, *___: frames.append(1) or np.zeros((size, size, 3), np.uint8)
+    )
     monkeypatch.setattr(render, "_CLOCK", SimpleNamespace(tick=lambda _: None))
     env = started(render_mode="human", control_dt=control_dt, physics_dt=0.001)
     for _ in range(round(0.5 / control_dt)):

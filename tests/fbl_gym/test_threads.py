@@ -48,6 +48,7 @@ def test_any_number_of_threads_gives_the_same_bits(case, mode):
 
     for threads in (2, 5):
         alone, env = (batch(name, n, autoreset_mode=mode, **options) for n in (1, threads))
+        assert env.unwrapped._batch._class == case
         ends, _ = compare(env, alone, given := actions(), 60)
         assert ends > 0
         assert env.unwrapped._batch._memory.tobytes() == alone.unwrapped._batch._memory.tobytes()

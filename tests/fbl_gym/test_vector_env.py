@@ -121,11 +121,9 @@ def test_several_scenarios_have_the_bits_that_each_has_alone(name, mode):
 
 
 def test_scenarios_that_do_not_fit_together_are_refused():
+    shapes = r"scenarios must have the same observation_space.*shapes \(12,\) and \(8,\)"
     for arguments, message in (
-        (
-            (8, ["nominal", {"sensors": ("position",)}]),
-            r"scenarios must have the same observation_space.*shapes \(12,\) and \(8,\)",
-        ),
+        ((8, ["nominal", {"sensors": ("position",)}]), shapes),
         ((1, ["nominal", "noise-1"]), "num_envs must be .* not below 2"),
         ((1, []), "scenario must be a list of one or more"),
     ):
@@ -145,14 +143,7 @@ def test_actions_of_any_memory_layout_and_type_move_the_arms_alike():
     actions, spread = np.full((8, 2), 0.25), np.full((8, 4), 0.25)
     frozen = actions.copy()
     frozen.flags.writeable = False
-    layouts = (
-        frozen,
-        spread[:, ::2],
-        actions[::-1],
-        np.asfortranarray(actions),
-        actions.astype("f4"),
-        actions.tolist(),
-    )
+    layouts = frozen, spread[:, ::2], actions[::-1], np.asfortranarray(actions), actions.astype("f4"), actions.tolist()
     expected = started_batch(8).step(actions)[0]
     for given in layouts:
         env = started_batch(8)

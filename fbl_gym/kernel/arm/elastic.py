@@ -1,17 +1,8 @@
 """The motion of an arm with elastic joints over one physics step; see `options/joints.py`."""
 
+from fbl_gym.kernel.arm import physics
 from fbl_gym.kernel.arm.friction import shrink, sign
-from fbl_gym.kernel.arm.physics import (
-    FREE,
-    dry_bounds,
-    friction_of,
-    load_on_joints,
-    lumped_of,
-    make_runge_kutta,
-    rotor_of,
-    solve_terms,
-)
-from fbl_gym.kernel.maths.fastmath import clip, inline_njit, kernel_njit
+from fbl_gym.kernel.maths.fastmath import clip, inline_njit, kernel_njit, over_lanes
 from fbl_gym.kernel.memory.views import pair, put
 
 
@@ -43,7 +34,7 @@ def turn_motors(x, v, tau, joint, friction, held):
         v: their velocities.
         tau: torques of the drives.
         joint: stiffness, damping, half the backlash and rotor inertia, both joints of each.
-        friction: as of `friction_of`.
+        friction: as of `physics.friction_of`.
         held: dry friction as of `hold_motors`.
     """
     dry1, dry2, free1, free2, _, _ = held
@@ -65,8 +56,8 @@ def _stage(x, v, load, constants):
     (q1, q2, _, _), (v1, v2, _, _), (load1, load2, tau1, tau2) = x, v, load
     spring1, spring2, b1, b2 = turn_motors(x, v, (tau1, tau2), joint, friction, held)
     torque = spring1 + load1, spring2 + load2
-    m11, m12, m22, load1, load2 = load_on_joints(lumped, (0.0, 0.0), (q1, q2), (v1, v2), torque)
-    a1, a2 = solve_terms(m11, m12, m22, load1, load2)
+    m11, m12, m22, load1, load2 = physics.load_on_joints(lumped, (0.0, 0.0), (q1, q2), (v1, v2), torque)
+    a1, a2 = physics.solve_terms(m11, m12, m22, load1, load2)
     return a1, a2, b1, b2
 
 
@@ -85,13 +76,13 @@ def weighted_joints(a, b, c, d):
     )  # fmt: skip
 
 
-_runge_kutta = make_runge_kutta(_stage, moved_joints, weighted_joints)
+_runge_kutta = physics.make_runge_kutta(_stage, moved_joints, weighted_joints)
 
 
 @inline_njit
 def joint_of(block, settings, lane):
     """Return the joints' constants, as `turn_motors` takes them."""
-    inertia = rotor_of(block, settings, lane)
+    inertia = physics.rotor_of(block, settings, lane)
     (k1, k2), (d1, d2), (b1, b2) = pair(block.stiffness, lane), pair(block.damping, lane), pair(block.backlash, lane)
     return k1, k2, d1, d2, 0.5 * b1, 0.5 * b2, inertia[0], inertia[1]
 
@@ -118,22 +109,22 @@ def _stick(h, w, load, bound, inertia):
 def hold_motors(x, v, tau, joint, friction, h):
     """Return the motors' exact friction over a physics step h, as `physics.py` does for links."""
     _, _, left1, left2 = _load_on_motors(x, v, tau, joint, friction)
-    bound1, bound2 = dry_bounds(v[2:], friction)
+    bound1, bound2 = physics.dry_bounds(v[2:], friction)
     dry1, free1, moves1 = _stick(h, v[2], left1, bound1, joint[6])
     dry2, free2, moves2 = _stick(h, v[3], left2, bound2, joint[7])
     return dry1, dry2, free1, free2, moves1, moves2
 
 
 @inline_njit
-def _advance(block, settings, lane, h):
-    """Advance one lane by one physics step h."""
-    joint, friction = joint_of(block, settings, lane), friction_of(block, lane)
+def _advance(block, settings, lane):
+    """Advance one lane by one physics step."""
+    joint, friction, h = joint_of(block, settings, lane), physics.friction_of(block, lane), settings.physics_dt
     x = both(block.position, block.motor_position, lane)
     v = both(block.velocity, block.motor_velocity, lane)
     held = hold_motors(x, v, pair(block.tau[0], lane), joint, friction, h)
     (q1, q2, th1, th2), (v1, v2, w1, w2) = _runge_kutta(
         h, x, v, both(block.load[0], block.tau[0], lane), both(block.load[1], block.tau[1], lane),
-        both(block.load[2], block.tau[2], lane), (lumped_of(block, lane), joint, friction, held),
+        both(block.load[2], block.tau[2], lane), (physics.lumped_of(block, lane), joint, friction, held),
     )  # fmt: skip
     put(block.position, lane, (q1, q2))
     put(block.velocity, lane, (v1, v2))
@@ -141,12 +132,7 @@ def _advance(block, settings, lane, h):
     put(block.motor_velocity, lane, (w1 if held[4] != 0.0 else 0.0, w2 if held[5] != 0.0 else 0.0))
 
 
-@kernel_njit
-def advance_elastic(block, settings, width):
-    """Advance the first `width` lanes of a block with elastic joints by one physics step."""
-    h = settings.physics_dt
-    for lane in range(width):
-        _advance(block, settings, lane, h)
+advance_elastic = over_lanes(_advance)
 
 
 @inline_njit
@@ -155,8 +141,8 @@ def elastic_acceleration_and_friction(block, settings, lane):
     x = both(block.position, block.motor_position, lane)
     v = both(block.velocity, block.motor_velocity, lane)
     (tau1, tau2), (push1, push2) = pair(block.torque, lane), pair(block.disturbance, lane)
-    joint, friction = joint_of(block, settings, lane), friction_of(block, lane)
-    constants = lumped_of(block, lane), joint, friction, FREE
+    joint, friction = joint_of(block, settings, lane), physics.friction_of(block, lane)
+    constants = physics.lumped_of(block, lane), joint, friction, physics.FREE
     a1, a2, b1, b2 = _stage(x, v, (-push1, -push2, tau1, tau2), constants)
     return a1, a2, *motor_friction(v[2:], b1, b2, joint, friction)
 
@@ -164,7 +150,7 @@ def elastic_acceleration_and_friction(block, settings, lane):
 @inline_njit
 def motor_friction(w, b1, b2, joint, friction):
     """Return the motors' friction torque from their velocities, and accelerations without it."""
-    (w1, w2), (bound1, bound2) = w, dry_bounds(w, friction)
+    (w1, w2), (bound1, bound2) = w, physics.dry_bounds(w, friction)
     # A turning motor has its friction; one at rest has the torque that holds it, up to breakaway.
     dry1 = bound1 * sign(w1) if w1 != 0.0 else clip(joint[6] * b1, bound1)
     dry2 = bound2 * sign(w2) if w2 != 0.0 else clip(joint[7] * b2, bound2)

@@ -10,7 +10,7 @@ from collections import namedtuple
 
 from fbl_gym.kernel.arm import elastic
 from fbl_gym.kernel.arm.physics import FREE, friction_of, hold, make_runge_kutta, moved, rub, solve_terms, weighted
-from fbl_gym.kernel.maths.fastmath import inline_njit, kernel_njit, larger, sincos, smaller, sqrt
+from fbl_gym.kernel.maths.fastmath import inline_njit, kernel_njit, larger, over_lanes, sincos, smaller, sqrt
 from fbl_gym.kernel.memory.layout import EXACT_FRICTION
 from fbl_gym.kernel.memory.views import pair, put
 from fbl_gym.model import chain
@@ -123,9 +123,9 @@ _runge_kutta = make_runge_kutta(_stage, _moved, _weighted)
 
 
 @inline_njit
-def _advance(block, settings, lane, h, springs):
-    """Advance one lane by one physics step h."""
-    links, ((x, b), (v, u)) = _links_of(block, settings, lane), _state(block, lane)
+def _advance(block, settings, lane, springs):
+    """Advance one lane by one physics step."""
+    h, links, ((x, b), (v, u)) = settings.physics_dt, _links_of(block, settings, lane), _state(block, lane)
     joint, friction = elastic.joint_of(block, settings, lane), friction_of(block, lane)
     tau1, tau2 = pair(block.tau[0], lane)
     if springs:
@@ -150,16 +150,16 @@ def _advance(block, settings, lane, h, springs):
     put(block.bend_velocity, lane, u)
 
 
+_advance_rigid, _advance_elastic = over_lanes(_advance, False), over_lanes(_advance, True)
+
+
 @kernel_njit
 def advance_flexible(block, settings, width):
     """Advance the first `width` lanes of a block whose links bend by one physics step."""
-    h = settings.physics_dt
     if settings.elastic:
-        for lane in range(width):
-            _advance(block, settings, lane, h, True)
+        _advance_elastic(block, settings, width)
     else:
-        for lane in range(width):
-            _advance(block, settings, lane, h, False)
+        _advance_rigid(block, settings, width)
 
 
 @inline_njit

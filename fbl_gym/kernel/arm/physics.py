@@ -1,7 +1,7 @@
 """The arm's motion over one physics step: friction by its law, the rest by Runge and Kutta."""
 
 from fbl_gym.kernel.arm.friction import dry_friction, resist, sign
-from fbl_gym.kernel.maths.fastmath import inline_njit, kernel_njit, named, sincos, sqrt
+from fbl_gym.kernel.maths.fastmath import inline_njit, kernel_njit, named, over_lanes, sincos, sqrt
 from fbl_gym.kernel.memory.layout import EXACT_FRICTION, LITERAL_FRICTION, NO_FRICTION
 from fbl_gym.kernel.memory.views import pair, put
 from fbl_gym.model import arm, chain
@@ -153,10 +153,33 @@ def move(h, q, v, torques, lumped, rotor, friction, law):
     return q, (v1 if held[4] != 0.0 else 0.0, v2 if held[5] != 0.0 else 0.0)
 
 
+def over_lanes_by_law(function):
+    """Return loops over lanes of rigid joints: without dry friction, and by the law of friction.
+
+    Each law has a loop without branches, in which its number is a constant.
+
+    Args:
+        function: of block, settings, lane and law.
+    """
+    smoothly, exactly, literally = (
+        over_lanes(function, law) for law in (NO_FRICTION, EXACT_FRICTION, LITERAL_FRICTION)
+    )
+
+    def by_law(block, settings, width):
+        if settings.friction_law == NO_FRICTION:
+            smoothly(block, settings, width)
+        elif settings.friction_law == EXACT_FRICTION:
+            exactly(block, settings, width)
+        else:
+            literally(block, settings, width)
+
+    return smoothly, kernel_njit(named(by_law, function.__qualname__))
+
+
 @inline_njit
-def _advance(block, settings, lane, h, law):
-    """Advance one lane by one physics step h."""
-    rotor = rotor_of(block, settings, lane)
+def _advance(block, settings, lane, law):
+    """Advance one lane by one physics step."""
+    rotor, h = rotor_of(block, settings, lane), settings.physics_dt
     torques = pair(block.tau[0], lane), pair(block.tau[1], lane), pair(block.tau[2], lane)
     q, v = pair(block.position, lane), pair(block.velocity, lane)
     q, v = move(h, q, v, torques, lumped_of(block, lane), rotor, friction_of(block, lane), law)
@@ -164,27 +187,7 @@ def _advance(block, settings, lane, h, law):
     put(block.velocity, lane, v)
 
 
-@kernel_njit
-def advance_smoothly(block, settings, width):
-    """Advance the first `width` lanes of a block without dry friction by one physics step."""
-    h = settings.physics_dt
-    for lane in range(width):
-        _advance(block, settings, lane, h, NO_FRICTION)
-
-
-@kernel_njit
-def advance_by_law(block, settings, width):
-    """Advance the first `width` lanes of a block with rigid joints by one physics step."""
-    h, law = settings.physics_dt, settings.friction_law
-    # One loop for each law, each without branches.
-    if law == NO_FRICTION:
-        advance_smoothly(block, settings, width)
-    elif law == EXACT_FRICTION:
-        for lane in range(width):
-            _advance(block, settings, lane, h, EXACT_FRICTION)
-    else:
-        for lane in range(width):
-            _advance(block, settings, lane, h, LITERAL_FRICTION)
+advance_smoothly, advance_by_law = over_lanes_by_law(_advance)
 
 
 @inline_njit

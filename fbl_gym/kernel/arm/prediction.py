@@ -7,25 +7,16 @@ library's sine and cosine it takes.
 
 from math import cos, sin
 
-from fbl_gym.kernel.arm.physics import (
-    coriolis_terms,
-    gravity_terms,
-    inertia_terms,
-    load_on_joints,
-    make_runge_kutta,
-    moved,
-    solve_terms,
-    weighted,
-)
+from fbl_gym.kernel.arm import physics
 from fbl_gym.kernel.maths.fastmath import cached_njit, clip, exp, inline_njit
 
 
 @inline_njit
 def _terms(arm, q, v):
     """Return the entries of M, and C v + G, of lumped parameters and rotors [7]."""
-    m11, m12, m22 = inertia_terms(arm[0], arm[1], arm[2], arm[5], arm[6], cos(q[1]))
-    c1, c2 = coriolis_terms(arm[2], sin(q[1]), v[0], v[1])
-    g1, g2 = gravity_terms(arm[3], arm[4], cos(q[0]), cos(q[0] + q[1]))
+    m11, m12, m22 = physics.inertia_terms(arm[0], arm[1], arm[2], arm[5], arm[6], cos(q[1]))
+    c1, c2 = physics.coriolis_terms(arm[2], sin(q[1]), v[0], v[1])
+    g1, g2 = physics.gravity_terms(arm[3], arm[4], cos(q[0]), cos(q[0] + q[1]))
     return m11, m12, m22, c1, c2, g1, g2
 
 
@@ -42,7 +33,7 @@ def find_accelerations(arms, q, v, torque, out):
     """Write `arm.forward_dynamics` of each row, as `find_torques`."""
     for i in range(len(q)):
         m11, m12, m22, c1, c2, g1, g2 = _terms(arms[i % len(arms)], q[i], v[i])
-        out[i, 0], out[i, 1] = solve_terms(m11, m12, m22, torque[i, 0] - c1 - g1, torque[i, 1] - c2 - g2)
+        out[i, 0], out[i, 1] = physics.solve_terms(m11, m12, m22, torque[i, 0] - c1 - g1, torque[i, 1] - c2 - g2)
 
 
 @cached_njit
@@ -50,8 +41,8 @@ def find_momenta(arm, q, v, momentum, drift):
     """Write M v, and C'v - G with the skew form of C, of rows [n x 2]; the arm is [7]."""
     for i in range(len(q)):
         v1, v2 = v[i, 0], v[i, 1]
-        m11, m12, m22 = inertia_terms(arm[0], arm[1], arm[2], arm[5], arm[6], cos(q[i, 1]))
-        g1, g2 = gravity_terms(arm[3], arm[4], cos(q[i, 0]), cos(q[i, 0] + q[i, 1]))
+        m11, m12, m22 = physics.inertia_terms(arm[0], arm[1], arm[2], arm[5], arm[6], cos(q[i, 1]))
+        g1, g2 = physics.gravity_terms(arm[3], arm[4], cos(q[i, 0]), cos(q[i, 0] + q[i, 1]))
         h = arm[2] * sin(q[i, 1])
         momentum[i, 0], momentum[i, 1] = m11 * v1 + m12 * v2, m12 * v1 + m22 * v2
         drift[i, 0], drift[i, 1] = -h * v2 * v1 + h * v1 * v2 - g1, -h * (v1 + v2) * v1 - g2
@@ -84,12 +75,12 @@ def follow(commands, torque, spans, dt, out):
 def _stage(q, v, load, constants):
     """Return the acceleration at one stage of a step."""
     lumped, rotor, (push1, push2) = constants
-    m11, m12, m22, load1, load2 = load_on_joints(lumped, rotor, q, v, load)
-    a1, a2 = solve_terms(m11, m12, m22, load1, load2)
+    m11, m12, m22, load1, load2 = physics.load_on_joints(lumped, rotor, q, v, load)
+    a1, a2 = physics.solve_terms(m11, m12, m22, load1, load2)
     return a1 + push1, a2 + push2
 
 
-_runge_kutta = make_runge_kutta(_stage, moved, weighted)
+_runge_kutta = physics.make_runge_kutta(_stage, physics.moved, physics.weighted)
 
 
 @inline_njit

@@ -50,6 +50,16 @@ def named(function: Any, *parts: object) -> Any:
     return function
 
 
+def over_lanes(function: Any, *constants: Any) -> Any:
+    """Return the loop of function(block, settings, lane, *constants) over the lanes of a block."""
+
+    def loop(block, settings, width):
+        for lane in range(width):
+            function(block, settings, lane, *constants)
+
+    return kernel_njit(named(loop, function.__module__, function.__qualname__, *constants))
+
+
 def digest(package: Path) -> str:
     """Return a hash of the sources of `fbl_gym` that compiled code depends on.
 

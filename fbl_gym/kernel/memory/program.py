@@ -40,15 +40,9 @@ class Program:
 
 
 def make_program(
-    scenario: Scenario,
-    *,
-    action: str,
-    reward: Reward,
-    preview: int,
-    past_actions: int = 0,
-    max_episode_steps: int | None = None,
-    autoreset: int = memory.NO_AUTORESET,
-) -> Program:
+    scenario: Scenario, *, action: str, reward: Reward, preview: int, past_actions: int = 0,
+    max_episode_steps: int | None = None, autoreset: int = memory.NO_AUTORESET,
+) -> Program:  # fmt: skip
     """Pack a scenario and the options of an environment into numbers.
 
     Args:

@@ -60,12 +60,6 @@ def numbers_at(_context, _address, _length, dtype):
 
 
 @inline_njit
-def pair_of(numbers):
-    """Return both joints' numbers of a setting."""
-    return numbers[0], numbers[1]
-
-
-@inline_njit
 def pair(rows, lane):
     """Return both joints' numbers of a lane."""
     return rows[0, lane], rows[1, lane]

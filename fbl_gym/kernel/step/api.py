@@ -6,17 +6,8 @@ from fbl_gym.kernel.arm.elastic import advance_elastic, elastic_acceleration_and
 from fbl_gym.kernel.arm.flexible import advance_flexible, flexible_acceleration_and_friction, start_bends
 from fbl_gym.kernel.arm.physics import acceleration_and_friction, advance_by_law, advance_smoothly
 from fbl_gym.kernel.maths.fastmath import cached_njit, clip, inline_njit, kernel_njit, log, merged_njit, named, sqrt
-from fbl_gym.kernel.memory.layout import (
-    BLOCK,
-    ENDED,
-    LANES,
-    NEXT_STEP,
-    RESTART,
-    RUNNING,
-    SAME_STEP,
-    SETTINGS,
-    SETTINGS_SIZE,
-)
+from fbl_gym.kernel.memory import layout
+from fbl_gym.kernel.memory.layout import BLOCK, LANES, SETTINGS, SETTINGS_SIZE
 from fbl_gym.kernel.memory.views import array_at, record_at
 from fbl_gym.kernel.step import readings
 from fbl_gym.kernel.step.episode import judge, start
@@ -35,27 +26,16 @@ def _count(settings, number):
 
 @merged_njit
 def _views(memory, settings, first):
-    """Return a block, the same memory as rows, its last torque commands, and its way-points.
+    """Return a block, the same memory as rows, its last commands, its way-points, and the tables.
 
-    All are shifted so that lane 0 is the lane `first` of the batch.
+    All but the tables are shifted so that lane 0 is the lane `first` of the batch.
     """
     index = settings.blocks + first // LANES * settings.block_size + first % LANES
     rows = array_at(memory, index, (settings.block_size // LANES, LANES), np.float64)
     queue = array_at(memory, index + LANES * settings.queue_row, (settings.delay_steps + 1, 3, LANES), np.float64)
     waypoints = array_at(memory, index + LANES * settings.waypoint_row, (settings.waypoints, 2, LANES), np.float64)
-    return record_at(memory, index, BLOCK), rows, queue, waypoints
-
-
-@merged_njit
-def _tables(memory, settings):
-    """Return the arrays that the scenario contains, one after the other."""
-    return array_at(memory, SETTINGS_SIZE, (settings.actions - SETTINGS_SIZE,), np.float64)
-
-
-@merged_njit
-def _actions(memory, settings, first, count):
-    """Return the actions of lanes."""
-    return array_at(memory, settings.actions + 2 * first, (count, 2), np.float64)
+    tables = array_at(memory, SETTINGS_SIZE, (settings.actions - SETTINGS_SIZE,), np.float64)
+    return record_at(memory, index, BLOCK), rows, queue, waypoints, tables
 
 
 @inline_njit
@@ -69,7 +49,7 @@ def _finite(memory, settings, lane):
 def _over(memory, settings, lane):
     """Return True if a lane's episode is over and does not start again by itself."""
     block = record_at(memory, settings.blocks + lane // LANES * settings.block_size, BLOCK)
-    return settings.autoreset != NEXT_STEP and block.status[lane % LANES] != RUNNING
+    return settings.autoreset != layout.NEXT_STEP and block.status[lane % LANES] != layout.RUNNING
 
 
 @kernel_njit
@@ -83,10 +63,9 @@ def check(memory):
     for lane in range(settings.lanes):
         if not _finite(memory, settings, lane):
             return 2 * lane
-    if settings.autoreset != NEXT_STEP:
-        for lane in range(settings.lanes):
-            if _over(memory, settings, lane):
-                return 2 * lane + 1
+    for lane in range(settings.lanes):
+        if _over(memory, settings, lane):
+            return 2 * lane + 1
     return -1
 
 
@@ -106,72 +85,70 @@ def _load(block, rows, queue, settings, tables, width, substep, real, rare):
 
 
 @merged_njit
-def _end(block, rows, waypoints, settings, tables, width, real, rare, accelerate):
-    """End the control step of a block, after its physics."""
+def _end(block, rows, waypoints, settings, tables, memory, first, count, width, real, rare, accelerate):
+    """End the control step of a block, after its physics: clock, readings, reference and reward.
+
+    Write rewards and flags, and mark the lanes that start another episode now.
+    """
     for lane in range(width):
         block.step[lane] += _ONE
     readings.sense(block, rows, settings, width, real, rare, accelerate)
     update_reference(block, waypoints, settings, tables, width)
     judge(block, settings, width)
-
-
-@merged_njit
-def _report(block, rows, waypoints, settings, tables, memory, first, count):
-    """Write rewards and flags of a block, and mark the lanes that start another episode now."""
     flags = array_at(memory, settings.flags, (2, settings.lanes), np.uint8)
     events = 0
     for lane in range(count):
         memory[settings.rewards + first + lane] = block.reward[lane]
         flags[0, first + lane] = flags[1, first + lane] = 0
     for lane in range(count):
-        events += (block.terminated[lane] != 0.0) | (block.truncated[lane] != 0.0) | (block.status[lane] != RUNNING)
+        events += (
+            (block.terminated[lane] != 0.0) | (block.truncated[lane] != 0.0) | (block.status[lane] != layout.RUNNING)
+        )
     if events == 0:
         return
     for lane in range(count):
         over = block.terminated[lane] + block.truncated[lane] != 0.0
-        restarts = over and settings.autoreset == SAME_STEP
+        restarts = over and settings.autoreset == layout.SAME_STEP
         if restarts:
             size = settings.observation_size
             final = array_at(memory, settings.final_observations + first * size, (count, size), np.float64)
             readings.observe(block, rows, waypoints, settings, tables, final, lane, lane + 1)
-        elif settings.autoreset == NEXT_STEP and block.status[lane] != RUNNING:
+        elif settings.autoreset == layout.NEXT_STEP and block.status[lane] != layout.RUNNING:
             block.reward[lane], block.terminated[lane], block.truncated[lane] = 0.0, 0.0, 0.0
             restarts = True
-        block.status[lane] = ENDED if over else RUNNING
+        block.status[lane] = layout.ENDED if over else layout.RUNNING
         if restarts:
             block.episode[lane] += _ONE
-            block.status[lane] = RESTART
+            block.status[lane] = layout.RESTART
         memory[settings.rewards + first + lane] = block.reward[lane]
         flags[0, first + lane] = block.terminated[lane] != 0.0
         flags[1, first + lane] = block.truncated[lane] != 0.0
 
 
-def _compile_step(real, rare, advance, accelerate):
+def _compile_step(name, real, rare, advance, accelerate):
     """Return the step of a class of scenarios, without the code that only other classes use.
 
     `real`: there may be payloads, disturbances, dry friction and errors of the sensors. `rare`:
     also events, encoders and another engine.
-    `advance` moves a block over a physics step, `accelerate` computes its acceleration. Each step
-    is compiled when it is first called.
+    `advance` moves a block over a physics step, `accelerate` computes its acceleration. No other
+    class has the same `name`. Each step is compiled when it is first called.
     """
 
     def step_lanes(memory, out, settings, moves, first, count, width):
         """Step `count` lanes from the lane `first` on, of which `width` are computed."""
-        size, tables = settings.observation_size, _tables(memory, settings)
-        block, rows, queue, waypoints = _views(memory, settings, first)
+        block, rows, queue, waypoints, tables = _views(memory, settings, first)
         if moves:
-            command(block, rows, queue, settings, _actions(memory, settings, first, count), count)
+            command(block, rows, queue, settings, memory, first, count)
             for substep in range(settings.substeps):
                 _load(block, rows, queue, settings, tables, width, substep, real, rare)
                 advance(block, settings, width)
-            _end(block, rows, waypoints, settings, tables, width, real, rare, accelerate)
-            _report(block, rows, waypoints, settings, tables, memory, first, count)
+            _end(block, rows, waypoints, settings, tables, memory, first, count, width, real, rare, accelerate)
         restarts = 0
         for lane in range(width):
-            restarts += block.status[lane] == RESTART
+            restarts += block.status[lane] == layout.RESTART
         if restarts > 0:
             for lane in range(width):
-                if block.status[lane] == RESTART:
+                if block.status[lane] == layout.RESTART:
                     start(block, rows, queue, waypoints, settings, tables, lane)
                     if real:
                         start_disturbance(block, settings, tables, lane)
@@ -181,11 +158,11 @@ def _compile_step(real, rare, advance, accelerate):
                         start_bends(block, settings, lane)
         if restarts > 0 or not moves:
             readings.sense(block, rows, settings, width, real, rare, accelerate)
+        size = settings.observation_size
         observations = array_at(out, first * size, (count, size), np.float64)
         readings.observe(block, rows, waypoints, settings, tables, observations, _ZERO, count)
 
-    name = real, rare, advance.__name__
-    step_lanes = merged_njit(named(step_lanes, *name))
+    step_lanes = merged_njit(named(step_lanes, name))
 
     def step(memory, out, moves, begin, end):
         """Advance every lane by one control step; start an episode in lanes marked RESTART.
@@ -232,7 +209,7 @@ def _compile_step(real, rare, advance, accelerate):
                 moves = False
         step_lanes(memory, out, settings, moves, lane, 1, 1)
 
-    return cached_njit(named(step, *name)), named(step_lane, *name)
+    return cached_njit(named(step, name)), named(step_lane, name)
 
 
 @cached_njit
@@ -245,7 +222,7 @@ def inspect(memory, out):
     """
     settings = record_at(memory, 0, SETTINGS)
     for i in range(len(out)):
-        block, _, _, _ = _views(memory, settings, i)
+        block, _, _, _, _ = _views(memory, settings, i)
         lane, instant = _ZERO, out[i]
         if settings.flexible:
             a1, a2, friction1, friction2 = flexible_acceleration_and_friction(block, settings, lane)
@@ -279,13 +256,11 @@ def load(memory, substep):
         if problem >= 0:
             return problem
     settings = record_at(memory, 0, SETTINGS)
-    tables = _tables(memory, settings)
     for number in range((settings.lanes + LANES - 1) // LANES):
-        block, rows, queue, _ = _views(memory, settings, number * LANES)
+        block, rows, queue, _, tables = _views(memory, settings, number * LANES)
         count = _count(settings, number)
         if substep == 0:
-            actions = _actions(memory, settings, number * LANES, count)
-            command(block, rows, queue, settings, actions, count)
+            command(block, rows, queue, settings, memory, number * LANES, count)
         _load(block, rows, queue, settings, tables, count, substep, True, True)
     return -1
 
@@ -294,12 +269,10 @@ def load(memory, substep):
 def end(memory):
     """End a control step after its physics: clock, readings, reference, reward and flags."""
     settings = record_at(memory, 0, SETTINGS)
-    tables = _tables(memory, settings)
     for number in range((settings.lanes + LANES - 1) // LANES):
-        block, rows, _, waypoints = _views(memory, settings, number * LANES)
-        count = _count(settings, number)
-        _end(block, rows, waypoints, settings, tables, count, True, True, readings.accelerate_by_law)
-        _report(block, rows, waypoints, settings, tables, memory, number * LANES, count)
+        block, rows, _, waypoints, tables = _views(memory, settings, number * LANES)
+        first, count, accelerate = number * LANES, _count(settings, number), readings.accelerate_by_law
+        _end(block, rows, waypoints, settings, tables, memory, first, count, count, True, True, accelerate)
 
 
 @inline_njit
@@ -333,11 +306,11 @@ def subtract_and_scale(observations, columns, out):
 
 
 STEPS, LANE_STEPS = zip(
-    _compile_step(False, False, advance_smoothly, readings.accelerate_smoothly),
-    _compile_step(True, False, advance_by_law, readings.accelerate_by_law),
-    _compile_step(True, True, advance_by_law, readings.accelerate_by_law),
-    _compile_step(True, True, advance_elastic, readings.accelerate_elastic),
-    _compile_step(True, True, advance_flexible, readings.accelerate_flexible),
+    _compile_step("plain", False, False, advance_smoothly, readings.accelerate_smoothly),
+    _compile_step("real", True, False, advance_by_law, readings.accelerate_by_law),
+    _compile_step("rare", True, True, advance_by_law, readings.accelerate_by_law),
+    _compile_step("elastic", True, True, advance_elastic, readings.accelerate_elastic),
+    _compile_step("flexible", True, True, advance_flexible, readings.accelerate_flexible),
     strict=True,
 )
 """The steps of plain scenarios, of real ones, of those with rare options, of elastic joints, and of

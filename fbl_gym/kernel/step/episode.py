@@ -5,18 +5,8 @@ import numpy as np
 from fbl_gym.kernel.arm.physics import lump
 from fbl_gym.kernel.maths.fastmath import clip, exp, inline_njit, kernel_njit, larger, log, rint, smaller
 from fbl_gym.kernel.maths.streams import stream_key, uniforms
-from fbl_gym.kernel.memory.layout import (
-    CHOICE,
-    DRAW_SIZE,
-    EVENT_ROWS,
-    FIRST_VARIED,
-    LOG_UNIFORM,
-    NORMALIZED,
-    RUNNING,
-    STEPS,
-    TORQUE,
-)
-from fbl_gym.kernel.memory.views import pair, pair_of, put
+from fbl_gym.kernel.memory import layout
+from fbl_gym.kernel.memory.views import pair, put
 from fbl_gym.kernel.step.motion import draw_reference, reference, store_reference
 from fbl_gym.kernel.step.torque import nominal_torque, ripple_of
 
@@ -29,7 +19,7 @@ def start(block, rows, queue, waypoints, settings, tables, lane):
     """Start an episode in a lane: draw its arm and reference, and put the arm on its reference."""
     seed, episode = block.seed[lane], _ZERO if settings.drawn_per_seed else block.episode[lane]
     block.step[lane] = _ZERO
-    block.status[lane] = RUNNING
+    block.status[lane] = layout.RUNNING
     draws = uniforms(seed, _PARAMETERS, episode, _ZERO, _ZERO)
     for i in range(4):
         draw = draws[0] if settings.drawn_together else draws[i]
@@ -45,7 +35,7 @@ def start(block, rows, queue, waypoints, settings, tables, lane):
     draw_reference(block, waypoints, settings, tables, lane, seed, episode, block.given_reference[lane] == 1.0)
     q1, q2, v1, v2, a1, a2 = reference(block, waypoints, settings, tables, lane, np.int64(0))
     store_reference(block, lane, (q1, q2, v1, v2, a1, a2))
-    if settings.reference_kind == STEPS:  # they jump at once, away from the arm's start
+    if settings.reference_kind == layout.STEPS:  # they jump at once, away from the arm's start
         q1, q2 = pair(waypoints[0], lane)
     (error1, error2), (more1, more2) = pair(block.initial_error, lane), pair(block.initial_velocity, lane)
     if more1 != 0.0 or more2 != 0.0:  # else keep the sign of -0.0
@@ -71,21 +61,21 @@ def _given(rows, lane, values):
 def _draw(block, rows, settings, tables, lane, episode):
     """Set the numbers that may vary to their fixed values, or to draws from their streams."""
     for i in range(len(settings.varied)):
-        rows[FIRST_VARIED + i, lane] = settings.varied[i]
+        rows[layout.FIRST_VARIED + i, lane] = settings.varied[i]
     for i in range(settings.draws):
-        index = settings.draw_table + DRAW_SIZE * i
+        index = settings.draw_table + layout.DRAW_SIZE * i
         key = np.uint64(tables[index + 5]) << np.uint64(32) | np.uint64(tables[index + 6])
         joint, kind = np.uint64(tables[index + 1]), tables[index + 2]
         draw, _, _, _ = uniforms(block.seed[lane], key, episode, _ZERO, joint)
         first, second = tables[index + 3], tables[index + 4]
         value = first + draw * (second - first)
-        if kind == LOG_UNIFORM:
+        if kind == layout.LOG_UNIFORM:
             value = first * exp(draw * second)
-        elif kind == CHOICE:
+        elif kind == layout.CHOICE:
             value = tables[int(first) + int(draw * second)]
         rows[int(tables[index]), lane] = value
     for i in range(settings.events):
-        row = settings.event_row + EVENT_ROWS * i
+        row = settings.event_row + layout.EVENT_ROWS * i
         rows[row, lane] = rint(rows[row, lane])
     block.payload_pick_up[lane] = rint(block.payload_pick_up[lane])
     block.payload_drop[lane] = rint(block.payload_drop[lane])
@@ -106,7 +96,7 @@ def _hold_still(block, rows, queue, settings, lane):
     tau1, tau2 = nominal_torque(block, settings, lane, 0.0, 0.0)
     kind = settings.action_kind
     # The box of torque actions has bounds even if the torque has no limit.
-    limit = settings.action_limit if kind == TORQUE else settings.torque_limit
+    limit = settings.action_limit if kind == layout.TORQUE else settings.torque_limit
     tau1, tau2 = clip(tau1, limit[0]), clip(tau2, limit[1])
     put(block.command, lane, (tau1, tau2))
     put(block.target, lane, (tau1, tau2))
@@ -123,40 +113,13 @@ def _hold_still(block, rows, queue, settings, lane):
         put(queue[age], lane, (tau1, tau2))
         queue[age, 2, lane] = 0.0
     action1, action2 = 0.0, 0.0  # no acceleration
-    if kind == NORMALIZED:
+    if kind == layout.NORMALIZED:
         action1, action2 = tau1 / settings.torque_scale[0], tau2 / settings.torque_scale[1]
-    elif kind == TORQUE:
+    elif kind == layout.TORQUE:
         action1, action2 = tau1, tau2
     put(block.action, lane, (action1, action2))
     for row in range(settings.past_row, settings.past_row + 2 * settings.past_actions, 2):
         rows[row, lane], rows[row + 1, lane] = action1, action2
-
-
-@inline_njit
-def _keeps(q, v, constraints):
-    """Return True if positions and velocities violate no constraint."""
-    (low1, low2), (high1, high2), (fastest1, fastest2) = constraints
-    return (
-        ((low1 <= q[0]) & (q[0] <= high1) & (abs(v[0]) <= fastest1))
-        & ((low2 <= q[1]) & (q[1] <= high2) & (abs(v[1]) <= fastest2))
-    )  # fmt: skip
-
-
-@inline_njit
-def _is_near(q, v, start, limits):
-    """Return True if an arm is within its limits of position and velocity; False for NaN."""
-    farthest, fastest = limits
-    near = (abs(q[0] - start[0]) <= farthest) & (abs(q[1] - start[1]) <= farthest)
-    return near & (abs(v[0]) <= fastest) & (abs(v[1]) <= fastest)
-
-
-@inline_njit
-def _tracking_loss(distance, form):
-    """Return the tracking term of an error |e| [rad]."""
-    logarithmic, scale, norm = form
-    linear = scale * distance
-    logarithm = norm * log(1.0 + linear)
-    return smaller(logarithm if logarithmic else linear, 1.0)
 
 
 @kernel_njit
@@ -167,25 +130,30 @@ def judge(block, settings, width):
     has numbers that are not finite. It is truncated when its time is up. It can be both.
     """
     # Stores to the block keep the compiler from moving these out of the loop.
-    low, high = pair_of(settings.constraint_low), pair_of(settings.constraint_high)
-    constraints = low, high, pair_of(settings.constraint_velocity)
-    limits, ends = (settings.max_position, settings.max_velocity), settings.violation_ends
-    form = settings.reward_logarithmic, settings.reward_scale, settings.reward_norm
+    (low1, low2), (high1, high2) = settings.constraint_low, settings.constraint_high
+    (bound1, bound2), ends = settings.constraint_velocity, settings.violation_ends
+    farthest, fastest = settings.max_position, settings.max_velocity
+    logarithmic, scale, norm = settings.reward_logarithmic, settings.reward_scale, settings.reward_norm
     (scale1, scale2), (weight1, weight2, weight3) = settings.torque_scale, settings.reward_weights
     last = np.uint64(settings.last_step)
     for lane in range(width):
-        q, v, (r1, r2) = pair(block.position, lane), pair(block.velocity, lane), pair(block.reference_position, lane)
-        block.judged[0, lane], block.judged[1, lane] = r1 - q[0], r2 - q[1]
-        error1, error2 = abs(r1 - q[0]), abs(r2 - q[1])
+        (q1, q2), (v1, v2) = pair(block.position, lane), pair(block.velocity, lane)
+        (r1, r2), (start1, start2) = pair(block.reference_position, lane), pair(block.start_position, lane)
+        block.judged[0, lane], block.judged[1, lane] = r1 - q1, r2 - q2
+        error1, error2 = abs(r1 - q1), abs(r2 - q2)
         block.far[lane] = block.far[lane] + 1.0 if larger(error1, error2) > settings.max_error else 0.0
-        keeps = _keeps(q, v, constraints)
-        near = _is_near(q, v, pair(block.start_position, lane), limits)
+        keeps = (low1 <= q1) & (q1 <= high1) & (abs(v1) <= bound1) & (low2 <= q2) & (q2 <= high2) & (abs(v2) <= bound2)
+        near = (abs(q1 - start1) <= farthest) & (abs(q2 - start2) <= farthest)  # False for NaN
+        near = near & (abs(v1) <= fastest) & (abs(v2) <= fastest)
         stays = near & (block.far[lane] < settings.error_steps) & (keeps | (not ends))
         tau1, tau2 = pair(block.command, lane)
         block.judged[2, lane], block.judged[3, lane] = tau1, tau2
         effort = 0.5 * (abs(tau1) / scale1 + abs(tau2) / scale2)
         chatter = 0.25 * block.chatter[lane]
-        loss = weight1 * _tracking_loss(error1 + error2, form) + weight2 * effort + weight3 * chatter
+        linear = scale * (error1 + error2)
+        logarithm = norm * log(1.0 + linear)
+        tracking = smaller(logarithm if logarithmic else linear, 1.0)
+        loss = weight1 * tracking + weight2 * effort + weight3 * chatter
         block.cost[lane] = 0.0 if keeps else 1.0
         block.reward[lane] = larger(1.0 - loss, 0.0) if stays else 0.0
         block.terminated[lane] = 0.0 if stays else 1.0

@@ -4,10 +4,9 @@ import numpy as np
 
 from fbl_gym.kernel.arm.elastic import elastic_acceleration_and_friction
 from fbl_gym.kernel.arm.flexible import flexible_acceleration_and_friction
-from fbl_gym.kernel.arm.physics import acceleration_and_friction
-from fbl_gym.kernel.maths.fastmath import clip, floor, inline_njit, kernel_njit, merged_njit, named
+from fbl_gym.kernel.arm.physics import acceleration_and_friction, over_lanes_by_law
+from fbl_gym.kernel.maths.fastmath import clip, floor, inline_njit, kernel_njit, merged_njit, named, over_lanes
 from fbl_gym.kernel.maths.streams import normals, stream_key, uniforms
-from fbl_gym.kernel.memory.layout import EXACT_FRICTION, LITERAL_FRICTION, NO_FRICTION
 from fbl_gym.kernel.memory.views import pair, put
 from fbl_gym.kernel.step.motion import reference
 
@@ -20,7 +19,8 @@ _ZERO = np.uint64(0)
 @merged_njit
 def sense(block, rows, settings, width, real, rare, accelerate):
     """Take the readings of a block, which depend on its state alone; see `api.STEPS`."""
-    accelerate(block, settings, width)
+    if settings.senses_acceleration and not settings.external_physics:
+        accelerate(block, settings, width)
     _read(block, settings, width)
     if real and settings.noisy:
         for sensor in range(3 if settings.senses_acceleration else 2):
@@ -32,42 +32,19 @@ def sense(block, rows, settings, width, real, rare, accelerate):
     _limit(block, settings, width)
 
 
-def _make_accelerate(function, *law):
-    """Return a function that computes the acceleration of a block, if a sensor reads it.
+def _storing(function):
+    """Return a function that stores the acceleration which another one returns."""
 
-    Args:
-        function: (block, settings, lane, *law) -> acceleration, and friction torques.
-        law: of rigid joints, whose number is then a constant in the loop.
-    """
+    def accelerate(block, settings, lane, *law):
+        a1, a2, _, _ = function(block, settings, lane, *law)
+        put(block.acceleration, lane, (a1, a2))
 
-    def accelerate(block, settings, width):
-        if settings.senses_acceleration:
-            for lane in range(width):
-                a1, a2, _, _ = function(block, settings, lane, *law)
-                put(block.acceleration, lane, (a1, a2))
-
-    return kernel_njit(named(accelerate, function.__name__, *law))
+    return inline_njit(named(accelerate, function.__name__))
 
 
-accelerate_smoothly = _make_accelerate(acceleration_and_friction, NO_FRICTION)
-_accelerate_exactly = _make_accelerate(acceleration_and_friction, EXACT_FRICTION)
-_accelerate_literally = _make_accelerate(acceleration_and_friction, LITERAL_FRICTION)
-accelerate_elastic = _make_accelerate(elastic_acceleration_and_friction)
-accelerate_flexible = _make_accelerate(flexible_acceleration_and_friction)
-
-
-@kernel_njit
-def accelerate_by_law(block, settings, width):
-    """Compute the acceleration of rigid joints, if a sensor reads it."""
-    law = settings.friction_law
-    if settings.external_physics:
-        return
-    if law == NO_FRICTION:
-        accelerate_smoothly(block, settings, width)
-    elif law == EXACT_FRICTION:
-        _accelerate_exactly(block, settings, width)
-    else:
-        _accelerate_literally(block, settings, width)
+accelerate_smoothly, accelerate_by_law = over_lanes_by_law(_storing(acceleration_and_friction))
+accelerate_elastic = over_lanes(_storing(elastic_acceleration_and_friction))
+accelerate_flexible = over_lanes(_storing(flexible_acceleration_and_friction))
 
 
 @kernel_njit

@@ -5,16 +5,8 @@ import numpy as np
 from fbl_gym.kernel.arm.physics import load_on_joints, lumped_terms
 from fbl_gym.kernel.maths.fastmath import ceil, clip, floor, inline_njit, kernel_njit, larger, rint, sincos, smaller
 from fbl_gym.kernel.maths.streams import TWO_PI, stream_key, uniforms
-from fbl_gym.kernel.memory.layout import (
-    ACCELERATION,
-    ARRAY,
-    NO_DISTURBANCE,
-    NORMALIZED,
-    PIECEWISE_CONSTANT,
-    PULSES,
-    SINE,
-)
-from fbl_gym.kernel.memory.views import pair, pair_of, put
+from fbl_gym.kernel.memory import layout
+from fbl_gym.kernel.memory.views import pair, put
 
 _STREAM = stream_key("disturbance")
 _JITTER = stream_key("jitter")
@@ -22,13 +14,14 @@ _ZERO = np.uint64(0)
 
 
 @kernel_njit
-def command(block, rows, queue, settings, actions, count):
-    """Set the torque commands of a block's first `count` lanes from their actions."""
+def command(block, rows, queue, settings, memory, first, count):
+    """Set the torque commands of `count` lanes of a block, whose actions begin at lane `first`."""
     for joint in range(2):
         for lane in range(count):
-            block.action[joint, lane] = clip(actions[lane, joint], settings.action_limit[joint])
+            action = memory[settings.actions + 2 * (first + lane) + joint]
+            block.action[joint, lane] = clip(action, settings.action_limit[joint])
     _keep_past(block, rows, queue, settings, count)
-    (limit1, limit2), (scale1, scale2) = pair_of(settings.torque_limit), pair_of(settings.torque_scale)
+    (limit1, limit2), (scale1, scale2) = settings.torque_limit, settings.torque_scale
     for lane in range(count):
         tau1, tau2 = _asked_torque(block, settings, lane)
         tau1, tau2 = clip(tau1, limit1), clip(tau2, limit2)
@@ -62,9 +55,9 @@ def _keep_past(block, rows, queue, settings, count):
 def _asked_torque(block, settings, lane):
     """Return the torque that a lane's action asks for."""
     a1, a2 = pair(block.action, lane)
-    if settings.action_kind == NORMALIZED:
+    if settings.action_kind == layout.NORMALIZED:
         return a1 * settings.torque_limit[0], a2 * settings.torque_limit[1]
-    return nominal_torque(block, settings, lane, a1, a2) if settings.action_kind == ACCELERATION else (a1, a2)
+    return nominal_torque(block, settings, lane, a1, a2) if settings.action_kind == layout.ACCELERATION else (a1, a2)
 
 
 @inline_njit
@@ -154,10 +147,10 @@ def disturb(block, settings, tables, width, substep):
             for joint in range(2):
                 for lane in range(width):
                     tau[time, joint, lane] = 0.0
-    if settings.disturbance_kind == SINE:
+    if settings.disturbance_kind == layout.SINE:
         for time in range(3):
             _subtract_sine(block, tau[time], settings, width, substep + 0.5 * time)
-    elif settings.disturbance_kind != NO_DISTURBANCE:
+    elif settings.disturbance_kind != layout.NO_DISTURBANCE:
         _renew(block, settings, tables, width, substep)
         for time in range(3):
             for joint in range(2):
@@ -179,19 +172,19 @@ def _pick(block, settings, tables, lane, substep):
     """Return the disturbance at the start of a physics step."""
     kind, period = settings.disturbance_kind, settings.disturbance_period
     amplitude1, amplitude2 = pair(block.disturbance_amplitude, lane)
-    if kind == SINE:
+    if kind == layout.SINE:
         return _sine(block, settings, lane, 0, substep), _sine(block, settings, lane, 1, substep)
     now = float(np.int64(block.step[lane])) * settings.substeps + substep
-    if kind == PIECEWISE_CONSTANT:
+    if kind == layout.PIECEWISE_CONSTANT:
         level = np.uint64(floor(now / period))
         draw1, draw2, _, _ = uniforms(block.seed[lane], _STREAM, block.episode[lane], level, _ZERO)
         return (2.0 * draw1 - 1.0) * amplitude1, (2.0 * draw2 - 1.0) * amplitude2
-    if kind == PULSES:
+    if kind == layout.PULSES:
         since = now - settings.disturbance_start
         phase = since - floor(since / period) * period
         on = 1.0 if since >= 0.0 and phase < settings.disturbance_width else 0.0
         return on * amplitude1, on * amplitude2
-    if kind == ARRAY:
+    if kind == layout.ARRAY:
         sample = int(smaller(floor(now / period), settings.disturbance_samples - 1.0))
         index = settings.disturbance_table + 2 * sample
         return tables[index], tables[index + 1]
@@ -201,7 +194,7 @@ def _pick(block, settings, tables, lane, substep):
 @kernel_njit
 def _renew(block, settings, tables, width, substep):
     """Set the disturbance of the kinds that are constant over a physics step."""
-    if settings.disturbance_kind == PIECEWISE_CONSTANT:
+    if settings.disturbance_kind == layout.PIECEWISE_CONSTANT:
         changes, period = 0, settings.disturbance_period
         for lane in range(width):
             now = float(np.int64(block.step[lane])) * settings.substeps + substep

@@ -5,13 +5,6 @@ import numpy as np
 from benchmarks.agents.adapter import AgentAdapter
 from benchmarks.agents.network import Actor
 
-PAYLOAD_OPTIONS = {
-    "scenario": "everything-2",
-    "duration": 0.3,
-    "parameter_error": {"radius": 0.5, "payload": {"mass": 10.0, "pick_up": 0.1, "drop": 0.2}},
-}
-"""Short episodes in which a payload is picked up and dropped."""
-
 
 def random_actor(settings, interface, seed=0):
     """Return a network with random weights for an adapter."""

@@ -16,9 +16,10 @@ from benchmarks.run.runner import run_cell
 from benchmarks.training.vec_env import VectorAdapter
 from fbl_gym import TwoLinkArmEnv, TwoLinkArmVectorEnv, scenarios
 from fbl_gym.model.arm import forward_dynamics
-from tests.benchmarks.rl.agents import PAYLOAD_OPTIONS, random_actor
+from tests.benchmarks.rl.agents import random_actor
 
 MOTION = ("position", "velocity")
+PAYLOAD = {"mass": 10.0, "pick_up": 0.1, "drop": 0.2}
 
 
 def start(scenario, *settings, **more):
@@ -26,11 +27,20 @@ def start(scenario, *settings, **more):
     env = TwoLinkArmEnv(scenario)
     observation = env.reset(seed=0)[0][None].copy()
     adapter = AgentAdapter(AdapterSettings(*settings, **more), env.interface)
-    return (
-        env,
-        observation,
-        lambda *action: adapter.torque(np.array([action]), observation, adapter.initial(observation))[0],
-    )
+    torque = lambda *action: adapter.torque(np.array([action]), observation, adapter.initial(observation))[0]
+    return env, observation, torque
+
+
+def batch(lanes, settings, scenario=None, **options):
+    return VectorAdapter(TwoLinkArmVectorEnv(lanes, scenario, autoreset_mode="SameStep", **options), settings)
+
+
+def first_seen(env, settings):
+    """Return what an agent observes first, which has the size of its adapter."""
+    adapter, observation = AgentAdapter(settings, env.interface), env.reset(seed=0)[0][None]
+    (seen,) = adapter.observe(observation, adapter.initial(observation))
+    assert seen.shape == (adapter.size,)
+    return seen
 
 
 @pytest.mark.parametrize(
@@ -47,13 +57,13 @@ def test_an_agent_acts_as_in_training(action, history, preview, period):
     """
     second = "pid-flm" if action == "blend" else ""
     settings = AdapterSettings(action, second=second, history=history, preview=0.01 * preview, period=0.01 * period)
-    options = {**PAYLOAD_OPTIONS, "autoreset_mode": "SameStep", "preview": preview}
-    plain = TwoLinkArmVectorEnv(3, **options)
-    training = VectorAdapter(TwoLinkArmVectorEnv(3, **options), settings)
+    options = {"scenario": "everything-2", "duration": 0.3, "preview": preview}
+    options["parameter_error"] = {"radius": 0.5, "payload": PAYLOAD}
+    training = batch(3, settings, **options)
+    plain = TwoLinkArmVectorEnv(3, **options, autoreset_mode="SameStep")
     agent = Agent(plain.interface, settings, random_actor(settings, plain.interface))
     plain_observation, training_observation = plain.reset(seed=3)[0], training.reset(seed=3)[0]
-    state, starts = None, np.ones(3, dtype=bool)
-    episodes = 0
+    state, starts, episodes = None, np.ones(3, dtype=bool), 0
     for _ in range(70 // period):
         rewards, decided = [], []
         training_observation, mean, *training_ends, infos = training.step(agent.actor(training_observation))
@@ -74,7 +84,7 @@ def test_an_agent_acts_as_in_training(action, history, preview, period):
 
 
 def test_history_holds_the_errors_and_actions_of_the_last_steps():
-    env = VectorAdapter(TwoLinkArmVectorEnv(2, autoreset_mode="SameStep", duration=0.1), AdapterSettings(history=2))
+    env = batch(2, AdapterSettings(history=2), duration=0.1)
     observations, actions = [env.reset(seed=1)[0]], []
     np.testing.assert_array_equal(observations[0][:, 12:], 0)
     rng = np.random.default_rng(0)
@@ -93,10 +103,7 @@ def test_history_holds_the_errors_and_actions_of_the_last_steps():
 def test_an_agent_observes_compressed_errors_their_mean_and_steps_ever_further_back():
     plain = AdapterSettings(sensors=MOTION)
     settings = AdapterSettings(sensors=MOTION, fine=(0.005, 0.05), integral=0.04, history=3, reach=0.08)
-    envs = [
-        VectorAdapter(TwoLinkArmVectorEnv(2, "servo-practice-nominal", autoreset_mode="SameStep"), each)
-        for each in (plain, settings)
-    ]
+    envs = [batch(2, each, "servo-practice-nominal") for each in (plain, settings)]
     rows = [[env.reset(seed=1)[0]] for env in envs]
     rng, actions, mean = np.random.default_rng(0), [], np.zeros((2, 2))
     for _ in range(9):
@@ -113,13 +120,10 @@ def test_an_agent_observes_compressed_errors_their_mean_and_steps_ever_further_b
 def test_an_agent_observes_the_datasheet_of_arm_springs_and_sensors():
     for scenario, springs in (("servo-practice-elastic-3", True), ("servo-practice-noise-3", False)):
         env = TwoLinkArmEnv(scenario)
-        adapter = AgentAdapter(AdapterSettings(sensors=MOTION, arm=True), env.interface)
-        observation = env.reset(seed=0)[0][None]
-        seen = adapter.observe(observation, adapter.initial(observation))[0, 10:]
+        seen = first_seen(env, AdapterSettings(sensors=MOTION, arm=True))[10:]
         interface, limit = env.interface, np.array(env.interface.torque_limit)
-        np.testing.assert_allclose(
-            seen[3:7], [*interface.nominal.lumped[3:] / limit, *10 * np.array(interface.nominal.rotor) / limit]
-        )
+        weights, rotors = interface.nominal.lumped[3:] / limit, 10 * np.array(interface.nominal.rotor) / limit
+        np.testing.assert_allclose(seen[3:7], [*weights, *rotors])
         assert np.all(seen[7:11] > 0) == springs
         np.testing.assert_allclose(seen[13:], 1e3 * np.array([*interface.noise_std[0], *interface.resolution]))
 
@@ -144,8 +148,19 @@ def test_wrong_settings_are_refused(settings, message):
 def test_a_torque_is_a_share_of_the_drives_limits():
     env, _, torque = start("servo-nominal", sensors=MOTION)
     np.testing.assert_allclose(torque(1.0, -0.5)[0], env.interface.torque_limit * np.array([1.0, -0.5]))
-    with pytest.raises(ValueError, match="not applicable: the agent's actions are shares of torque limits"):
-        Agent(TwoLinkArmEnv(action="torque", actuator={"torque_limit": None}).interface, AdapterSettings(), None)
+
+
+@pytest.mark.parametrize(
+    ("options", "settings", "message"),
+    [
+        ({"action": "torque", "actuator": {"torque_limit": None}}, {}, "actions are shares of torque limits"),
+        ({"scenario": "servo-nominal"}, {}, "sensors of position, velocity, acceleration, got position, velocity"),
+        ({"preview": 4}, {"preview": 0.05}, "needs preview=5, got preview=4"),
+    ],
+)
+def test_an_agent_that_is_not_applicable_is_refused(options, settings, message):
+    with pytest.raises(ValueError, match=f"not applicable: the agent.* {message}"):
+        Agent(TwoLinkArmEnv(**options).interface, AdapterSettings(**settings), None)
 
 
 def test_a_residual_is_an_acceleration_of_the_nominal_arm():
@@ -165,7 +180,7 @@ def test_a_blend_is_between_its_laws():
 
 def test_memory_is_the_running_mean_of_the_squares_of_errors_and_of_their_change():
     settings = AdapterSettings(memory=0.04, sensors=("position",), scales=(1.0, 1.0, 1.0))
-    env = VectorAdapter(TwoLinkArmVectorEnv(1, control_dt=0.01, autoreset_mode="SameStep", duration=0.1), settings)
+    env = batch(1, settings, control_dt=0.01, duration=0.1)
     rows = [env.reset(seed=1)[0]]
     errors = [rows[0][:, :2]]
     squares = np.tile(errors[0] ** 2, 2)
@@ -197,20 +212,15 @@ def test_the_memory_of_a_blend_has_the_difference_between_its_torques():
 
 
 def test_an_agent_observes_the_drive_and_its_own_sensors_only():
-    settings = AdapterSettings(drive=True, sensors=("position", "velocity"))
-    for options in ({"sensors": ("position", "velocity")}, {}):
+    for options in ({"sensors": MOTION}, {}):
         env = TwoLinkArmEnv(actuator={"delay_samples": 2, "lag": {"uniform": (0.01, 0.03)}}, **options)
-        adapter = AgentAdapter(settings, env.interface)
-        observation = env.reset(seed=0)[0][None]
-        observed = adapter.observe(observation, adapter.initial(observation))
-        assert observed.shape == (1, adapter.size) == (1, 17)
-        np.testing.assert_allclose(observed[0, -7:], [0.4, 0.4, 0.2, 0.6, 1.0, 0.0, 0.0])
+        observed = first_seen(env, AdapterSettings(drive=True, sensors=MOTION))
+        assert len(observed) == 17
+        np.testing.assert_allclose(observed[-7:], [0.4, 0.4, 0.2, 0.6, 1.0, 0.0, 0.0])
 
 
 def test_an_episode_that_ends_within_a_period_ends_once():
-    scenario = scenarios.get("servo-practice-nominal").replace(duration=0.07)
-    arms = TwoLinkArmVectorEnv(2, scenario, autoreset_mode="SameStep")
-    env = VectorAdapter(arms, AdapterSettings(period=0.05, sensors=MOTION))
+    env = batch(2, AdapterSettings(period=0.05, sensors=MOTION), "servo-practice-nominal", duration=0.07)
     env.reset(seed=1)
     ends = [env.step(np.zeros((2, 2))) for _ in range(2)]
     assert [truncated.tolist() for *_, truncated, _ in ends] == [[False] * 2, [True] * 2]
@@ -222,15 +232,6 @@ def test_a_residual_fades_at_the_torque_limits():
     observation[:, env.interface.layout["reference_position"]] += 3.0
     assert (np.abs(torque(0.0, 0.0)) >= env.interface.torque_limit).all()
     np.testing.assert_array_equal(torque(1.0, 1.0), torque(0.0, 0.0))
-
-
-def test_an_agent_is_not_applicable_without_its_sensors():
-    settings = AdapterSettings()
-    actor = random_actor(settings, TwoLinkArmEnv().interface)
-    with pytest.raises(
-        ValueError, match=r"not applicable: .* position, velocity, acceleration, got position, velocity"
-    ):
-        Agent(TwoLinkArmEnv("servo-nominal").interface, settings, actor)
 
 
 def test_an_agent_with_preview_sees_the_reference_of_five_coming_times():
@@ -247,11 +248,8 @@ def test_an_agent_with_preview_sees_the_reference_of_five_coming_times():
         expected = (np.array(later) - now) / np.repeat(settings.scales, 2)
         np.testing.assert_allclose(seen[-30:], np.clip(expected, -10, 10).ravel(), atol=1e-12)
         assert np.abs(expected).max() > 10
-        assert (
-            adapter.size
-            == len(seen)
-            == 30 + AgentAdapter(dataclasses.replace(settings, preview=0.0), env.interface).size
-        )
+        without = AgentAdapter(dataclasses.replace(settings, preview=0.0), env.interface)
+        assert adapter.size == len(seen) == 30 + without.size
 
 
 @pytest.mark.parametrize(
@@ -269,5 +267,3 @@ def test_a_saved_agent_declares_its_preview_and_gets_it(tmp_path):
     result = run_cell(Cell(str(tmp_path), "servo-nominal", (0, 1)))
     (sensors,) = [column.values for column in columns(assemble([result])) if column.key == "sensors"]
     assert (result.error, sensors) == ("", ["p v r"])
-    with pytest.raises(ValueError, match="not applicable: the agent needs preview=5, got preview=4"):
-        resolve(str(tmp_path)).make(TwoLinkArmEnv("servo-nominal", preview=4))
