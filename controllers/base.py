@@ -5,9 +5,8 @@ Values that change during a run travel in `state`.
 """
 
 import copy
-import dataclasses
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any, ClassVar, NamedTuple, Protocol, Self, TypeAlias
 
@@ -16,10 +15,14 @@ import numpy as np
 from controllers.parts.drive import Drive
 from fbl_gym.interface import Interface
 from fbl_gym.model.arm import Array, gravity_torque, inertia_matrix
+from fbl_gym.records.checks import Pair
 from fbl_gym.records.record import Record
 
 State: TypeAlias = Any
 """A `NamedTuple` of arrays with a row for each lane, or of such states; () for a law without."""
+
+Gain: TypeAlias = Pair | float
+"""A gain: one number, or one for each joint."""
 
 ACCESS = ("none", "nominal", "oracle")
 """A policy may know nothing of the arm, the nominal model, or the truth (shown, but not ranked)."""
@@ -141,10 +144,10 @@ class TorqueLaw(Law):
 
     A gain may be declared with its unit, bounds and tuning range, and is then checked:
 
-        frequency: Pair | float = pair(10.0, unit="rad/s", above=0, tune=(2.0, 100.0))
+        frequency: Gain = pair(10.0, unit="rad/s", above=0, tune=(2.0, 100.0))
 
-    A subclass of a law keeps the declaration with a plain default, `frequency: Pair | float =
-    20.0`. A rule for several gains goes into `validate`, after `super().validate()`.
+    A subclass of a law keeps the declaration with a plain default, `frequency: Gain = 20.0`. A rule
+    for several gains goes into `validate`, after `super().validate()`.
 
     Notation of the laws' equations: r is the reference, q the position, v the velocity and
     e = r - q. M, C and G are the nominal inertia, Coriolis and gravity terms. A prime is the time
@@ -162,7 +165,7 @@ class TorqueLaw(Law):
         preview: how far ahead the law uses the reference, where the observation has it [s].
     """
 
-    interface: Interface = dataclasses.field(repr=False)
+    interface: Interface = field(repr=False)
 
     needs: ClassVar[tuple[str, ...]] = ("position", "velocity")
     missing: ClassVar[int] = 0
@@ -193,7 +196,7 @@ class TorqueLaw(Law):
         Its observers and predictors need the torque [n x 2] N m that acts on the arm.
         """
         law = copy.copy(self)
-        vars(law)["drive"] = dataclasses.replace(self.drive, sent=torque)
+        vars(law)["drive"] = replace(self.drive, sent=torque)
         return law
 
     def decide(self, observation: Array, state: State) -> tuple[Array, Any]:

@@ -18,7 +18,7 @@ from controllers.base import Policy, State, TorqueLaw
 from controllers.numerics.dynamics import forward_dynamics
 from controllers.parts.barrier import Barrier
 from controllers.parts.drive import Acting
-from controllers.parts.observers import OBSERVERS, Observer
+from controllers.parts.observers import OBSERVERS, Eso, Kalman
 from controllers.parts.predictor import Predictor
 from controllers.parts.springs import Springs
 from controllers.preview import known_reference
@@ -34,6 +34,9 @@ PARTS: Mapping[str, type] = {**OBSERVERS, "predictor": Predictor, "springs": Spr
 DEFAULT = "eso"
 """The observer, with its default gains, for a sensor that is missing where no observer is named."""
 
+KEPT = ("access", "preview", "uses", "packages", "data_files")
+"""What a law declares of itself that a composed law declares too."""
+
 
 class ComposedState(NamedTuple):
     """State of a composed law."""
@@ -42,15 +45,6 @@ class ComposedState(NamedTuple):
     memory: Array  # of the observer [n x 2 x 4]
     bend: Array  # of the springs under the reference [n x 2 x 2] rad, rad/s
     inside: State = ()  # of the law inside
-
-
-class Look(NamedTuple):
-    """All that the law inside depends on at a sample."""
-
-    seen: Array  # its observation [n x its size]
-    estimate: Array  # at the last reading [n x 2 x 4]
-    due: Array  # torque at the time when the next command acts [n x 2] N m
-    bend: Array  # of the springs with its rate [n x 2 x 2]
 
 
 class Composed(TorqueLaw):
@@ -69,10 +63,12 @@ class Composed(TorqueLaw):
     _parts: ClassVar[tuple[str, ...]]
 
     _inside: TorqueLaw
-    _observer: Observer
+    _observer: Eso | Kalman
     _predictor: Predictor | None
     _springs: Springs | None
     _barrier: Barrier | None
+    _measured: tuple[str, ...]  # the signals that the law inside gets as they are measured
+    _estimates: bool  # an estimate is needed, for a predictor or in place of a sensor
 
     needs: ClassVar[tuple[str, ...]] = ("position",)
 
@@ -87,7 +83,11 @@ class Composed(TorqueLaw):
             name: PARTS[name](first.get(name, self.interface), **self._gains(name)) for name in {observer, *self._parts}
         }
         parts = {f"_{name}": made.get(name) for name in ("predictor", "springs", "barrier")}
-        set_fields(self, _inside=inside, _observer=made[observer], **parts)
+        replaced = ("position", "velocity") if observer in self._parts else ()
+        measured = tuple(name for name in SENSORS if name in self.interface.layout and name not in replaced)
+        absent = [name for name in SENSORS if name in inside.interface.layout and name not in measured]
+        estimates = "predictor" in made or bool(absent)
+        set_fields(self, _inside=inside, _observer=made[observer], _measured=measured, _estimates=estimates, **parts)
 
     def _inner_interface(self) -> Interface:
         """Return the interface of the law inside."""
@@ -114,27 +114,15 @@ class Composed(TorqueLaw):
         position, velocity, acceleration = layout.bounds[1][layout.reference[:6:2]]
         return np.array([position, velocity, acceleration, acceleration])
 
-    @cached_property
-    def _measured(self) -> tuple[str, ...]:
-        """The signals that the law inside gets as they are measured."""
-        replaced = ("position", "velocity") if any(part in OBSERVERS for part in self._parts) else ()
-        return tuple(name for name in SENSORS if name in self.interface.layout and name not in replaced)
-
-    @cached_property
-    def _estimates(self) -> bool:
-        """True if an estimate is needed, for a predictor or in place of a sensor."""
-        wanted = [name for name in SENSORS if name in self._inside.interface.layout]
-        return self._predictor is not None or any(name not in self._measured for name in wanted)
-
     def initial(self, observation: Array) -> State:
         """Return the state: the torque holds the nominal arm still."""
         state = self._outside(observation)
-        return state._replace(inside=self._inside.initial(self._look(observation, state).seen))
+        return state._replace(inside=self._inside.initial(self._look(observation, state)[0]))
 
     def restart(self, observation: Array, state: State) -> State:
         """Return the state for the next episode, with all that the law inside has learned."""
         fresh = self._outside(observation)
-        return fresh._replace(inside=self._inside.restart(self._look(observation, fresh).seen, state.inside))
+        return fresh._replace(inside=self._inside.restart(self._look(observation, fresh)[0], state.inside))
 
     def _outside(self, observation: Array) -> ComposedState:
         """Return the state at an episode's start, without that of the law inside."""
@@ -163,9 +151,18 @@ class Composed(TorqueLaw):
         u = forward_dynamics(self.interface.nominal, estimate[..., 0], estimate[..., 1], acting.mean)
         return torque, ComposedState(acting, self._observer.predict(estimate, u), bend, inside)
 
-    def _look(self, observation: Array, state: ComposedState) -> Look:
-        """Return all that the law inside depends on; its own state is not read."""
-        estimate, due, bend = self._estimate(observation, state.memory), state.acting.torque, state.bend
+    def _look(self, observation: Array, state: ComposedState) -> tuple[Array, Array, Array, Array]:
+        """Return all that the law inside depends on; its own state is not read.
+
+        Its observation [n x its size]; the estimate at this reading [n x 2 x 4], the memory if none
+        is needed; the torque when the next command acts [n x 2] N m; and the bend of the springs
+        with its rate [n x 2 x 2].
+        """
+        estimate, due, bend = state.memory, state.acting.torque, state.bend
+        if self._estimates:
+            estimate = self._observer.correct(estimate, *self.read(observation, "position"))
+            # An arm that diverges may carry an estimate away; its numbers stay finite.
+            estimate = clip(estimate, -self._bounds, self._bounds)
         estimated = zip(SENSORS, estimate.transpose(2, 0, 1), strict=False)
         motion = dict(estimated) | dict(zip(self._measured, self.read(observation, *self._measured), strict=True))
         reference = known_reference(self.interface, observation)
@@ -177,16 +174,7 @@ class Composed(TorqueLaw):
         layout = self._inside.interface.layout
         signals = [motion[name] for name in SENSORS if name in layout]
         seen = np.concatenate([*signals, reference.reshape(len(reference), -1)], axis=-1)
-        return Look(clip(seen, *layout.bounds), estimate, due, bend)
-
-    def _estimate(self, observation: Array, memory: Array) -> Array:
-        """Return the estimate [n x 2 x 4] at a reading; the memory, if none is needed."""
-        if not self._estimates:
-            return memory
-        sensors = [name for name in ("position", "velocity") if name in self.interface.layout]
-        estimate = self._observer.correct(memory, *self.read(observation, *sensors))
-        # An arm that diverges may carry an estimate away; its numbers stay finite.
-        return clip(estimate, -self._bounds, self._bounds)
+        return clip(seen, *layout.bounds), estimate, due, bend
 
 
 class Filtered:
@@ -245,11 +233,7 @@ def compose(law: type[TorqueLaw], *parts: str) -> type[Composed]:
         raise ValueError(
             f"a law with parts has a {twice[0]} of its own, so a gain of {law.__name__} needs another name"
         )
-    kept = {
-        name: getattr(law, name)
-        for name in ("access", "preview", "uses", "packages", "data_files")
-        if hasattr(law, name)
-    }
+    kept = {name: getattr(law, name) for name in KEPT if hasattr(law, name)}
     text = f"`{law.__name__}` with {' and '.join(parts) or 'an observer of the missing sensors'}."
     named = {"_law": law, "_parts": parts, "__module__": __name__, "__doc__": text}
     name = "+".join((law.__name__, *parts))

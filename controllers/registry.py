@@ -8,12 +8,11 @@ class of robots. POLICY@tuned has the gains for the class of the robot that it i
 LAW+PART has no such file, it has the gains of LAW, and the part its defaults.
 """
 
-import dataclasses
 import inspect
 import json
 import sys
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, fields, is_dataclass
 from functools import lru_cache
 from importlib import metadata
 from pathlib import Path
@@ -69,24 +68,21 @@ def register(
     _REGISTRY[name] = _Entry(factory, summary, access, check_choice("kind", kind, KINDS))
 
 
-for _name, _path, _summary in catalogue.LAWS:
-    register(_name, f"controllers.{_path}", _summary, catalogue.ACCESS.get(_name, "nominal"))
-
-
-def entry_points() -> tuple[metadata.EntryPoint, ...]:
-    """Return the entry points by which installed packages register policies."""
-    return _entry_points(tuple(sys.path))
+for _name, _module, _summary in catalogue.LAWS:
+    _path = f"controllers.{_module}:{_name.title().replace('-', '')}"
+    register(_name, _path, _summary, catalogue.ACCESS.get(_name, "nominal"))
 
 
 @lru_cache(maxsize=1)
-def _entry_points(_path: tuple[str, ...]) -> tuple[metadata.EntryPoint, ...]:
+def entry_points(_path: tuple[str, ...]) -> tuple[metadata.EntryPoint, ...]:
+    """Return the entry points by which packages in folders register policies."""
     return tuple(metadata.entry_points(group=ENTRY_POINTS))
 
 
 def external() -> dict[str, metadata.EntryPoint]:
     """Return the entry points of policies without another registration, by name, not loaded."""
     # The agents of fbl-gym come last, so that no other package replaces them.
-    points = sorted(entry_points(), key=lambda point: point.module.startswith("benchmarks."))
+    points = sorted(entry_points(tuple(sys.path)), key=lambda point: point.module.startswith("benchmarks."))
     return {point.name: point for point in points if point.name not in _REGISTRY}
 
 
@@ -99,9 +95,8 @@ def _entry(policy: str | PolicyName) -> _Entry:
     """Return a policy's entry, with its factory imported if it is composed or from a package."""
     name = as_name(policy)
     if name.parts:
-        law = _entry(name.source)
-        factory = compose(_load(law), *name.parts)
-        return _Entry(factory, f"{law.summary}; with {' and '.join(name.parts)}", None, law.kind)
+        law, summary = _entry(name.source), f"; with {' and '.join(name.parts)}"
+        return _Entry(compose(_load(law), *name.parts), law.summary + summary, None, law.kind)
     if name.source in _REGISTRY:
         return _REGISTRY[name.source]
     if name.form != "name" or name.source not in external():
@@ -115,7 +110,7 @@ def _entry(policy: str | PolicyName) -> _Entry:
 
 def check_gains(policy: str | PolicyName, factory: Callable[..., Any]) -> None:
     """Refuse a law with a gain whose name is one of `DECLARED`."""
-    names = {field.name for field in dataclasses.fields(factory)} if dataclasses.is_dataclass(factory) else set()
+    names = {field.name for field in fields(factory)} if is_dataclass(factory) else set()
     for gain in sorted(names.intersection(DECLARED)):
         raise ValueError(
             f"gain {gain!r} of {policy} must have another name: the name is reserved for what a policy declares of "
@@ -159,13 +154,9 @@ def access(policy: str | PolicyName | Callable[..., Any]) -> str:
 
     The policy is a name, POLICY@tuned, or a factory as `register` takes it.
     """
-    if isinstance(policy, str | PolicyName):
-        if (registered := _entry(policy).access) is not None:
-            return registered
-        build = factory(policy)
-    else:
-        build = policy
-    return check_choice(f"access of {_name_of(policy)}", getattr(build, "access", "nominal"), ACCESS)
+    entry = _entry(policy) if isinstance(policy, str | PolicyName) else _Entry(policy, "", None, "")
+    given = entry.access or getattr(_load(entry), "access", "nominal")
+    return check_choice(f"access of {_name_of(policy)}", given, ACCESS)
 
 
 def factory(policy: str | PolicyName) -> Callable[..., Any]:
@@ -228,12 +219,10 @@ def make(policy: str | PolicyName | Callable[..., Any], env: Any, **gains: Any) 
     tuned: dict[str, Any] = {}
     if isinstance(policy, str | PolicyName):
         policy = as_name(policy)
-        build = factory(policy)
+        build, gains = completed(factory(policy), interface), policy.given_gains | gains
         tuned = tuned_gains(policy, interface.robot_class) if policy.tuned else {}
-        gains = policy.given_gains | gains
     else:
-        build = policy
-    build = completed(build, interface)
+        build = completed(policy, interface)
     parameters = inspect.signature(build).parameters
     if not parameters:
         raise ValueError(f"{_name_of(policy)} makes no policy: it must take the interface as its first argument")

@@ -112,7 +112,6 @@ class Runner:
         self.max_velocity = np.minimum(given, self._scenario.limits.velocity)
         encoder = self._scenario.encoder
         self._lost = encoder.dropout_length if encoder is not None and ends(encoder.dropout)[1] > 0 else 0
-        self._observed = slice(0, 2 * len(self._scenario.sensors))
         self._file: TextIO | None = None
         self._state: Any = None
         at_rest = np.zeros(2 * len(self._robot.needs))
@@ -248,7 +247,7 @@ class Runner:
         if not begins:
             self._check_motion(position, ahead, now - self._last)
         torque = self._act(observation, begins)
-        signals = (observation[0, self._observed], ahead[:2], torque)
+        signals = observation[0, : 2 * len(self._scenario.sensors)], ahead[:2], torque
         self._write(map(repr, [now - self._begin, *np.concatenate(signals).tolist()]))
         self._last, self._torque = now, torque
         return torque.copy()
@@ -271,20 +270,16 @@ class Runner:
     def _check_place(self, position: Array, reference: Array, observation: Array) -> None:
         """Raise a ValueError where a joint is beyond a limit."""
         limits, constraints = self._scenario.limits, self._scenario.constraints
-        places = {
-            "reference (max_error)": (reference, self._max_error),
-            "start (limits.position)": (self._first, limits.position),
-        }
-        for place, (other, most) in places.items():
+        start = "start (limits.position)", self._first, limits.position
+        for place, other, most in (("reference (max_error)", reference, self._max_error), start):
             for joint in (0, 1):
                 if (far := abs(position[joint] - other[joint])) > most:
                     raise ValueError(f"joint {joint + 1} is {far:.3g} rad from its {place}, more than {most:.3g} rad")
         if constraints is not None and constraints.violation == "end":
             velocity = observation[0, 2:4] if "velocity" in self._scenario.sensors else np.zeros(2)
             if constraints.violated(position, velocity):
-                raise ValueError(
-                    f"a constraint is violated at position {position.tolist()} and velocity {velocity.tolist()}"
-                )
+                at = f"position {position.tolist()} and velocity {velocity.tolist()}"
+                raise ValueError(f"a constraint is violated at {at}")
 
     def _check_motion(self, position: Array, reference: Array, elapsed: float) -> None:
         """Raise a ValueError where a reading jumps, or stays the same although its joint moves."""
@@ -337,11 +332,9 @@ class _Model:
         *_, p4, p5 = np.abs(self._arm.lumped)
         self.acceleration = (np.abs(np.linalg.inv(poses)) @ (limit + np.array([p4 + p5, p5]))).max(axis=0)
         self._inertia = np.diagonal(poses[0])
-        coulomb, stiction, self._load = (
-            np.array([ends(joint)[1] for joint in each])  # type: ignore[union-attr]
-            for each in (friction.coulomb, friction.stiction, friction.load)
-        )
-        self._dry, self._least = coulomb + stiction, LEAST_FRICTION * limit
+        dry = [[ends(x)[1] for x in joints] for joints in (friction.coulomb, friction.stiction)]  # type: ignore[union-attr]
+        self._dry, self._least = np.sum(dry, axis=0), LEAST_FRICTION * limit
+        self._load = np.array([ends(x)[1] for x in friction.load])  # type: ignore[union-attr]
 
     def start(self, position: Array, reference: Array) -> None:
         """Begin at rest."""

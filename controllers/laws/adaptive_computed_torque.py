@@ -11,7 +11,7 @@ from fbl_gym.model.arm import Array, inertia_matrix, regressor, with_rotors
 
 
 @dataclass(frozen=True)
-class AdaptiveComputedTorque(SlotineLi):
+class ComputedTorqueAdaptive(SlotineLi):
     """Computed torque on an estimated model, whose estimates follow the tracking error.
 
         torque = M^ a + C^ v + G^ + friction^,    a = r'' + (slope + damping) e' + slope damping e

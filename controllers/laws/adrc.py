@@ -6,12 +6,11 @@ from typing import ClassVar, NamedTuple
 
 import numpy as np
 
-from controllers.base import State, TorqueLaw
+from controllers.base import Gain, State, TorqueLaw
 from controllers.numerics.dynamics import forward_dynamics, inverse_dynamics
 from controllers.parts.drive import Acting
 from controllers.parts.observers import Eso
 from fbl_gym.model.arm import Array, inertia_matrix
-from fbl_gym.records.checks import Pair
 from fbl_gym.records.record import pair
 
 
@@ -28,7 +27,7 @@ class ComputedTorqueEso(TorqueLaw):
 
         a = r'' + wc^2 (r - q) + 2 wc (r' - v) - f,    torque = M a + C v + G
 
-    q, v and f come from the extended state observer (`parts.Eso`); f is the acceleration that the
+    q, v and f come from the extended state observer (`Eso`); f is the acceleration that the
     nominal model does not explain. A constant load leaves no error. The law is active disturbance
     rejection whose b0 is the inverse of the full nominal inertia. The observer gets the torque
     within its limits as the known drive applies it.
@@ -44,8 +43,8 @@ class ComputedTorqueEso(TorqueLaw):
             several times wc; sensor noise limits it.
     """
 
-    controller_bandwidth: Pair | float = pair(12.0, unit="rad/s", above=0, tune=(2.0, 60.0))
-    observer_bandwidth: Pair | float = pair(60.0, unit="rad/s", above=0, tune=(15.0, 300.0))
+    controller_bandwidth: Gain = pair(12.0, unit="rad/s", above=0, tune=(2.0, 60.0))
+    observer_bandwidth: Gain = pair(60.0, unit="rad/s", above=0, tune=(15.0, 300.0))
 
     needs: ClassVar[tuple[str, ...]] = ("position",)
 
@@ -99,8 +98,8 @@ class Ladrc(ComputedTorqueEso):
         controller_bandwidth, observer_bandwidth: as in `ComputedTorqueEso`.
     """
 
-    controller_bandwidth: Pair | float = 15.0
-    observer_bandwidth: Pair | float = 150.0
+    controller_bandwidth: Gain = 15.0
+    observer_bandwidth: Gain = 150.0
 
     @cached_property
     def b0(self) -> Array:

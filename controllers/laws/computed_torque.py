@@ -5,11 +5,10 @@ from typing import ClassVar, NamedTuple
 
 import numpy as np
 
-from controllers.base import State, TorqueLaw
+from controllers.base import Gain, State, TorqueLaw
 from controllers.numerics.dynamics import inverse_dynamics, momentum
 from controllers.parts.drive import Acting
 from fbl_gym.model.arm import Array
-from fbl_gym.records.checks import Pair
 from fbl_gym.records.record import number, pair
 
 
@@ -28,7 +27,7 @@ class ComputedTorque(TorqueLaw):
         frequency: w [rad/s], per joint.
     """
 
-    frequency: Pair | float = pair(15.0, unit="rad/s", above=0, tune=(2.0, 150.0))
+    frequency: Gain = pair(15.0, unit="rad/s", above=0, tune=(2.0, 150.0))
 
     def torque(self, observation: Array, state: State) -> tuple[Array, State]:
         """Return the torque [n x 2] N m; there is no state."""
@@ -68,7 +67,7 @@ class ComputedTorqueDob(ComputedTorque):
         bandwidth: of the observer [rad/s]; its time constant is 1 / bandwidth.
     """
 
-    frequency: Pair | float = 10.0
+    frequency: Gain = 10.0
     bandwidth: float = number(30.0, unit="rad/s", above=0, tune=(2.0, 300.0))
 
     def initial(self, observation: Array) -> State:
@@ -118,8 +117,8 @@ class ComputedTorqueTde(ComputedTorque):
         bandwidth: g of the filter [rad/s], per joint. Sensor noise and light arms limit it.
     """
 
-    frequency: Pair | float = pair(10.0, unit="rad/s", above=0, tune=(2.0, 40.0))
-    bandwidth: Pair | float = pair(12.0, unit="rad/s", above=0, tune=(5.0, 200.0))
+    frequency: Gain = pair(10.0, unit="rad/s", above=0, tune=(2.0, 40.0))
+    bandwidth: Gain = pair(12.0, unit="rad/s", above=0, tune=(5.0, 200.0))
 
     needs: ClassVar[tuple[str, ...]] = ("position", "velocity", "acceleration")
 

@@ -6,16 +6,15 @@ from typing import NamedTuple
 
 import numpy as np
 
-from controllers.base import State
+from controllers.base import Gain, State
 from controllers.laws.computed_torque import ComputedTorque
 from controllers.numerics.dynamics import inverse_dynamics
 from controllers.parts.drive import Acting
 from fbl_gym.model.arm import STANDARD_GRAVITY, Array, gravity_torque
-from fbl_gym.records.checks import Pair
 from fbl_gym.records.record import number
 
-FEATURES = 40
-"""Random features."""
+COSINES = 40
+"""Random cosines."""
 
 LENGTHS = np.array([1.0, 1.0, 2.0, 2.0, 5.0, 5.0])
 """Length scales of the kernel: angles [rad], velocities [rad/s], accelerations [rad/s^2]."""
@@ -29,8 +28,8 @@ class GpState(NamedTuple):
 
     acting: Acting
     velocity: Array  # at the last sample [n x 2] rad/s
-    weights: Array  # their mean [n x 2 x FEATURES]
-    covariance: Array  # of the weights [n x FEATURES x FEATURES]
+    weights: Array  # their mean [n x 2 x COSINES]
+    covariance: Array  # of the weights [n x COSINES x COSINES]
 
 
 @dataclass(frozen=True)
@@ -58,7 +57,7 @@ class ComputedTorqueGp(ComputedTorque):
         noise: standard deviation of y's noise, as a share of the weight.
     """
 
-    frequency: Pair | float = 10.0
+    frequency: Gain = 10.0
     memory: float = number(20.0, unit="s", above=0, tune=(2.0, 100.0))
     noise: float = number(0.1, above=0, tune=(0.01, 3.0))
 
@@ -70,16 +69,16 @@ class ComputedTorqueGp(ComputedTorque):
 
     @cached_property
     def spectrum(self) -> tuple[Array, Array]:
-        """Frequencies [6 x FEATURES] and phases [FEATURES] of the cosines, always the same."""
+        """Frequencies [6 x COSINES] and phases [COSINES] of the cosines, always the same."""
         rng = np.random.default_rng(0)
-        return rng.normal(size=(6, FEATURES)) / LENGTHS[:, None], rng.uniform(0.0, 2.0 * np.pi, FEATURES)
+        return rng.normal(size=(6, COSINES)) / LENGTHS[:, None], rng.uniform(0.0, 2.0 * np.pi, COSINES)
 
     def initial(self, observation: Array) -> State:
         """Return the state: torques that hold the nominal arm still, and the weights' prior."""
         n = len(observation)
         q, v = self.read(observation, "position", "velocity")
         mean = inverse_dynamics(self.interface.nominal, q, v, np.zeros_like(v))
-        prior = np.zeros((n, 2, FEATURES)), np.tile(SIGNAL**2 * np.eye(FEATURES), (n, 1, 1))
+        prior = np.zeros((n, 2, COSINES)), np.tile(SIGNAL**2 * np.eye(COSINES), (n, 1, 1))
         return GpState(self.drive.hold(self.holding(q))._replace(mean=mean), v, *prior)
 
     def torque(self, observation: Array, state: State) -> tuple[Array, State]:
@@ -88,12 +87,12 @@ class ComputedTorqueGp(ComputedTorque):
         motion = self.read(observation, "reference_position", "reference_velocity", "reference_acceleration")
         nominal, dt = self.interface.nominal, self.interface.control_dt
         frequencies, phases = self.spectrum
-        z = np.sqrt(2.0 / FEATURES) * np.cos(np.concatenate(motion, axis=-1) @ frequencies + phases)
+        z = np.sqrt(2.0 / COSINES) * np.cos(np.concatenate(motion, axis=-1) @ frequencies + phases)
         last = state.velocity
         y = (state.acting.mean - inverse_dynamics(nominal, q, 0.5 * (v + last), (v - last) / dt)) / self.weight
         # The weights decay towards the prior, then the sample corrects them.
         keep = np.exp(-dt / self.memory)
-        covariance = keep**2 * state.covariance + (1.0 - keep**2) * SIGNAL**2 * np.eye(FEATURES)
+        covariance = keep**2 * state.covariance + (1.0 - keep**2) * SIGNAL**2 * np.eye(COSINES)
         spread = (covariance @ z[:, :, None])[..., 0]
         gain = spread / (self.noise**2 + (z * spread).sum(axis=-1, keepdims=True))
         covariance = covariance - gain[:, :, None] * spread[:, None, :]

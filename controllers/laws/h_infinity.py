@@ -9,11 +9,10 @@ from scipy.interpolate import pade
 from scipy.linalg import solve_continuous_are
 from scipy.signal import cont2discrete, tf2ss
 
-from controllers.base import State, TorqueLaw
+from controllers.base import Gain, State, TorqueLaw
 from controllers.numerics.dynamics import inverse_dynamics
 from controllers.numerics.windup import winds_up
 from fbl_gym.model.arm import Array
-from fbl_gym.records.checks import Pair
 from fbl_gym.records.record import pair
 
 INTEGRAL = 0.2
@@ -75,7 +74,7 @@ class HInfinity(TorqueLaw):
         bandwidth: w [rad/s], per joint: of the shaped plant without its dead time.
     """
 
-    bandwidth: Pair | float = pair(25.0, unit="rad/s", above=0, tune=(5.0, 200.0))
+    bandwidth: Gain = pair(25.0, unit="rad/s", above=0, tune=(5.0, 200.0))
 
     needs: ClassVar[tuple[str, ...]] = ("position",)
 

@@ -1,7 +1,5 @@
 """Computed torque that learns over repeated trials of one motion."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 from functools import cached_property
@@ -11,11 +9,10 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter1d
 
-from controllers.base import State
+from controllers.base import Gain, State
 from controllers.laws.computed_torque import ComputedTorque
 from controllers.numerics.dynamics import inverse_dynamics
 from fbl_gym.model.arm import Array
-from fbl_gym.records.checks import Pair
 from fbl_gym.records.record import number
 
 CAPACITY = 64
@@ -62,7 +59,7 @@ class ComputedTorqueIlc(ComputedTorque):
         bandwidth: frequency at which Q is 0.71 [rad/s].
     """
 
-    frequency: Pair | float = 10.0
+    frequency: Gain = 10.0
     gain: float = number(0.5, low=0, high=1, tune=(0.1, 1.0))
     bandwidth: float = number(15.0, unit="rad/s", above=0, tune=(5.0, 60.0))
 

@@ -5,12 +5,11 @@ from typing import NamedTuple
 
 import numpy as np
 
-from controllers.base import State
+from controllers.base import Gain, State
 from controllers.laws.computed_torque import ComputedTorque
 from controllers.numerics.dynamics import forward_dynamics, inverse_dynamics
 from controllers.parts.drive import Acting
 from fbl_gym.model.arm import Array
-from fbl_gym.records.checks import Pair
 from fbl_gym.records.record import pair
 
 
@@ -44,9 +43,9 @@ class L1Adaptive(ComputedTorque):
         pole: p, the pole of the predictor is -p [rad/s], per joint.
     """
 
-    frequency: Pair | float = 10.0
-    bandwidth: Pair | float = pair(30.0, unit="rad/s", above=0, tune=(2.0, 300.0))
-    pole: Pair | float = pair(5.0, unit="rad/s", above=0)
+    frequency: Gain = 10.0
+    bandwidth: Gain = pair(30.0, unit="rad/s", above=0, tune=(2.0, 300.0))
+    pole: Gain = pair(5.0, unit="rad/s", above=0)
 
     def initial(self, observation: Array) -> State:
         """Return the state: the predictor's velocity, C(s) f^, zero, and the drive at rest."""

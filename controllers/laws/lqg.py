@@ -7,12 +7,11 @@ from typing import ClassVar
 import numpy as np
 from scipy.linalg import solve_discrete_are
 
-from controllers.base import State, TorqueLaw
+from controllers.base import Gain, State, TorqueLaw
 from controllers.numerics.dynamics import inverse_dynamics
 from controllers.numerics.windup import winds_up
 from controllers.paper.kalman import JointKalman, RobustState
 from fbl_gym.model.arm import Array
-from fbl_gym.records.checks import Pair
 from fbl_gym.records.record import number, pair
 
 
@@ -59,9 +58,9 @@ class Lqg(TorqueLaw):
             the ratio of both sigmas matters.
     """
 
-    integral: Pair | float = pair(1000.0, unit="1/s^3", above=0, tune=(10.0, 1e4))
-    position: Pair | float = pair(100.0, unit="1/s^2", above=0, tune=(10.0, 1000.0))
-    velocity: Pair | float = pair(20.0, unit="1/s", above=0, tune=(1.0, 100.0))
+    integral: Gain = pair(1000.0, unit="1/s^3", above=0, tune=(10.0, 1e4))
+    position: Gain = pair(100.0, unit="1/s^2", above=0, tune=(10.0, 1000.0))
+    velocity: Gain = pair(20.0, unit="1/s", above=0, tune=(1.0, 100.0))
     acceleration_sigma: float = number(0.5, unit="rad/s^2", above=0)
     position_sigma: float = number(5e-3, unit="rad", above=0, tune=(1e-4, 0.1))
 

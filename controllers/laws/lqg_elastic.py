@@ -1,8 +1,7 @@
 """LQG on the full nominal arm, springs and drives included."""
 
-import dataclasses
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import ClassVar, NamedTuple
 
@@ -105,7 +104,7 @@ class LqgElastic(TorqueLaw):
     def arm(self) -> ArmParameters:
         """The links, with those rotors that turn with them."""
         nominal = self.interface.nominal
-        return dataclasses.replace(nominal, rotor=(0.0, 0.0)) if len(self.springs) else nominal
+        return replace(nominal, rotor=(0.0, 0.0)) if len(self.springs) else nominal
 
     @cached_property
     def slope(self) -> Array:
@@ -172,12 +171,23 @@ class LqgElastic(TorqueLaw):
     def decide(self, observation: Array, state: State) -> tuple[Array, tuple[LqgState, Array]]:
         """Return the torque [n x 2] N m, and a draft for `settle`."""
         known = np.concatenate([state.past, known_reference(self.interface, observation)], axis=1)
-        motion = between(known, self._places, self.interface.control_dt)
+        h, motion = self.interface.control_dt, between(known, self._places, self.interface.control_dt)
         now, following, then = np.tanh(motion[:, :3, 2:4] / REVERSAL).transpose(1, 0, 2)
-        x = self.corrected(state.estimate, *self.read(observation, "position"))
-        mean, dry = self.learned(x[:, -2:] + now * state.dry - state.mean, now, state)
-        ahead, due = self.moved(x, state.acting.torque, state.acting.queue, self._coming)
-        torque = self.followed(motion, ahead, due, x[:, -2:] + (now - then) * dry)
+        x = state.estimate
+        x = x + _product(at_angle(self.filtering, x[:, 1]), self.read(observation, "position")[0] - x[:, self.measured])
+        # Least mean squares of d without dry friction, and of the size of that friction.
+        share, innovation = -math.expm1(-h / self.friction), x[:, -2:] + now * state.dry - state.mean
+        mean, dry = state.mean + share * innovation, np.maximum(state.dry - share * now * innovation, 0.0)
+        coming = np.array([self.drive.rest, *[self.drive.dt] * self.drive.whole])
+        ahead, due = self.moved(x, state.acting.torque, state.acting.queue, coming)
+        # The command leads this state and torque of the drives along the reference.
+        d = x[:, -2:] + (now - then) * dry
+        error, command = np.empty_like(x), np.empty_like(d)
+        follow(self.arm.base[None], self.springs, motion, h, 0.5 * h + self.drive.lag, error, command)
+        error[:, :-2] -= ahead[:, :-2]
+        error[:, -2:] -= due + d
+        brake(error, at_angle(self.near, ahead[:, 1]))
+        torque = command - d + _product(at_angle(self.feedback, ahead[:, 1]), error)
         torque = self.sendable(torque, observation)
         return torque, (LqgState(x, state.acting, known[:, 1:3], mean, dry), (now - following) * dry)
 
@@ -190,15 +200,6 @@ class LqgElastic(TorqueLaw):
         # An arm that diverges may carry the estimate away; its numbers stay finite.
         return state._replace(estimate=clip(x, -1e6, 1e6), acting=acting)
 
-    def corrected(self, x: Array, position: Array) -> Array:
-        """Return the estimate [n x (s + 2)] after a reading of the position [n x 2]."""
-        return x + _product(at_angle(self.filtering, x[:, 1]), position - x[:, self.measured])
-
-    def learned(self, innovation: Array, sign: Array, state: LqgState) -> tuple[Array, Array]:
-        """Return the mean of d without dry friction, and the size of that friction, [n x 2] N m."""
-        share = -math.expm1(-self.interface.control_dt / self.friction)
-        return state.mean + share * innovation, np.maximum(state.dry - share * sign * innovation, 0.0)
-
     def moved(self, x: Array, due: Array, commands: Array, durations: Array) -> tuple[Array, Array]:
         """Return states [n x (s + 2)] and the drives' torque [n x 2] N m after some commands.
 
@@ -206,40 +207,13 @@ class LqgElastic(TorqueLaw):
         """
         x, due = x.copy(), due.copy()
         commands = np.ascontiguousarray(commands)
-        move(self._links, self.springs, durations, self.drive.lag, self._fastest, commands, x, due)
+        move(self.arm.base[None], self.springs, durations, self.drive.lag, self._fastest, commands, x, due)
         return x, due
-
-    def followed(self, motion: Array, x: Array, due: Array, d: Array) -> Array:
-        """Return the command that leads a state and the drives' torque along the reference.
-
-        Args:
-            motion: the reference, at last at five times of which the command acts at the middle.
-            x: the state then [n x (s + 2)].
-            due: the drives' torque then [n x 2] N m.
-            d: the disturbance then [n x 2] N m.
-        """
-        h = self.interface.control_dt
-        error, command = np.empty_like(x), np.empty_like(d)
-        follow(self._links, self.springs, motion, h, 0.5 * h + self.drive.lag, error, command)
-        error[:, :-2] -= x[:, :-2]
-        error[:, -2:] -= due + d
-        brake(error, at_angle(self.near, x[:, 1]))
-        return command - d + _product(at_angle(self.feedback, x[:, 1]), error)
-
-    @cached_property
-    def _coming(self) -> Array:
-        """Durations of the commands under way [s]."""
-        return np.array([self.drive.rest, *[self.drive.dt] * self.drive.whole])
 
     @cached_property
     def _fastest(self) -> float:
         """The fastest natural frequency [rad/s]."""
         return float(np.abs(np.linalg.eigvals(self.slope[..., :-2])).max())
-
-    @cached_property
-    def _links(self) -> Array:
-        """Parameters of `arm` [1 x 7]."""
-        return self.arm.base[None]
 
     @cached_property
     def _places(self) -> Places:

@@ -6,10 +6,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from controllers.base import State, TorqueLaw
+from controllers.base import Gain, State, TorqueLaw
 from controllers.parts.drive import Acting
 from fbl_gym.model.arm import Array, inertia_matrix
-from fbl_gym.records.checks import Pair
 from fbl_gym.records.record import number, pair
 
 TURN = 0.05
@@ -32,8 +31,7 @@ def slotine_li_regressor(q: Array, v: Array, v_r: Array, a_r: Array) -> Array:
     # C v_r of the Christoffel symbols, over p3: (-s2 (v2 vr1 + (v1 + v2) vr2), s2 v1 vr1).
     first = c2 * (a_r[:, 0] + both) - s2 * (v[:, 1] * v_r[:, 0] + (v[:, 0] + v[:, 1]) * v_r[:, 1])
     second = c2 * a_r[:, 0] + s2 * v[:, 0] * v_r[:, 0]
-    rows = ((a_r[:, 0], both, first, c1, c12), (none, both, second, none, c12))
-    return _matrix(rows)
+    return _matrix(((a_r[:, 0], both, first, c1, c12), (none, both, second, none, c12)))
 
 
 def _matrix(rows: tuple[tuple[Array, ...], ...]) -> Array:
@@ -48,15 +46,14 @@ def _matrix(rows: tuple[tuple[Array, ...], ...]) -> Array:
 def momentum_regressor(q: Array, v: Array) -> Array:
     """Return Y [n x 2 x 5] with Y p = M(q) v."""
     c2, both, none = np.cos(q[:, 1]), v[:, 0] + v[:, 1], np.zeros(len(q))
-    rows = ((v[:, 0], both, c2 * (v[:, 0] + both), none, none), (none, both, c2 * v[:, 0], none, none))
-    return _matrix(rows)
+    return _matrix(((v[:, 0], both, c2 * (v[:, 0] + both), none, none), (none, both, c2 * v[:, 0], none, none)))
 
 
 def drift_regressor(q: Array, v: Array) -> Array:
     """Return Y [n x 2 x 5] with Y p = G(q) - C'(q, v) v, so torque = d/dt (M v) + Y p."""
     c1, c12, none = np.cos(q[:, 0]), np.cos(q[:, 0] + q[:, 1]), np.zeros(len(q))
-    rows = ((none, none, none, c1, c12), (none, none, np.sin(q[:, 1]) * v[:, 0] * (v[:, 0] + v[:, 1]), none, c12))
-    return _matrix(rows)
+    third = np.sin(q[:, 1]) * v[:, 0] * (v[:, 0] + v[:, 1])
+    return _matrix(((none, none, none, c1, c12), (none, none, third, none, c12)))
 
 
 def friction_regressor(v: Array) -> Array:
@@ -75,7 +72,7 @@ class SlotineLiState(NamedTuple):
 
 
 class CompositeState(NamedTuple):
-    """State of `CompositeSlotineLi`."""
+    """State of `SlotineLiComposite`."""
 
     estimate: Array  # p^ [n x 9]
     position: Array  # at the last sample [n x 2] rad
@@ -95,7 +92,7 @@ class _Sliding(TorqueLaw):
         damping: K over the nominal inertia [1/s].
     """
 
-    slope: Pair | float = pair(10.0, unit="1/s", above=0, tune=(2.0, 80.0))
+    slope: Gain = pair(10.0, unit="1/s", above=0, tune=(2.0, 80.0))
     damping: float = number(15.0, unit="1/s", above=0, tune=(5.0, 150.0))
 
     def surface(self, observation: Array) -> tuple[Array, ...]:
@@ -179,7 +176,7 @@ class SlotineLi(_Sliding):
 
 
 @dataclass(frozen=True)
-class CompositeSlotineLi(SlotineLi):
+class SlotineLiComposite(SlotineLi):
     """`SlotineLi` with estimates that the error of predicting the torque drives too.
 
         p^' = Gamma (Y' s - composite W' (W p^ - LP(torque)) / (p1 + tr(W Gamma W')))

@@ -5,9 +5,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from controllers.base import State, TorqueLaw
+from controllers.base import Gain, State, TorqueLaw
 from fbl_gym.model.arm import Array, coriolis_matrix, gravity_torque, inertia_matrix
-from fbl_gym.records.checks import Pair
 from fbl_gym.records.record import number, pair
 
 NODES = 6
@@ -76,9 +75,9 @@ class RbfAdaptive(TorqueLaw):
         forget: strength of forgetting.
     """
 
-    error_rate: Pair | float = pair(10.0, unit="1/s", above=0, tune=(2.0, 40.0))
-    gain: Pair | float = pair(15.0, unit="1/s", above=0, tune=(3.0, 60.0))
-    rate: Pair | float = pair(40.0, unit="1/s^2", above=0, tune=(10.0, 3000.0))
+    error_rate: Gain = pair(10.0, unit="1/s", above=0, tune=(2.0, 40.0))
+    gain: Gain = pair(15.0, unit="1/s", above=0, tune=(3.0, 60.0))
+    rate: Gain = pair(40.0, unit="1/s^2", above=0, tune=(10.0, 3000.0))
     forget: float = number(0.03, low=0, tune=(1e-4, 1.0))
 
     def initial(self, observation: Array) -> State:

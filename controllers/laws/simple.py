@@ -5,9 +5,8 @@ from typing import ClassVar
 
 import numpy as np
 
-from controllers.base import IntegralLaw, IntegralState, State, TorqueLaw
+from controllers.base import Gain, IntegralLaw, IntegralState, State, TorqueLaw
 from fbl_gym.model.arm import Array, gravity_torque
-from fbl_gym.records.checks import Pair
 from fbl_gym.records.record import pair
 
 
@@ -42,8 +41,8 @@ class PdGravity(TorqueLaw):
             light arm multiplies the velocity gain 2 damping w, which a delay limits.
     """
 
-    frequency: Pair | float = pair(10.0, unit="rad/s", tune=(2.0, 100.0))
-    damping: Pair | float = pair(0.4, tune=(0.3, 3.0))
+    frequency: Gain = pair(10.0, unit="rad/s", tune=(2.0, 100.0))
+    damping: Gain = pair(0.4, tune=(0.3, 3.0))
 
     def torque(self, observation: Array, state: State) -> tuple[Array, State]:
         """Return the torque [n x 2] N m; there is no state."""
@@ -71,7 +70,7 @@ class PidGravity(PdGravity, IntegralLaw):
         integral: share of the integral action, per joint.
     """
 
-    integral: Pair | float = pair(0.1, low=0, tune=(0.01, 1.0))
+    integral: Gain = pair(0.1, low=0, tune=(0.01, 1.0))
 
     def torque(self, observation: Array, state: State) -> tuple[Array, State]:
         """Return the torque [n x 2] N m, and the next integral."""

@@ -4,17 +4,16 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from controllers.base import IntegralLaw, IntegralState, State
+from controllers.base import Gain, IntegralLaw, IntegralState, State
 from controllers.laws.computed_torque import ComputedTorqueDob
 from controllers.numerics.dynamics import inverse_dynamics
 from controllers.numerics.windup import winds_up
 from fbl_gym.model.arm import Array
-from fbl_gym.records.checks import Pair
 from fbl_gym.records.record import number, pair
 
 
 @dataclass(frozen=True)
-class SuperTwisting(IntegralLaw):
+class SlidingMode(IntegralLaw):
     """Super-twisting sliding mode.
 
         a = r'' + slope e' + k1 |s|^(1/2) sign(s) + z,    z' = k2 sign(s),    s = e' + slope e
@@ -33,8 +32,8 @@ class SuperTwisting(IntegralLaw):
         layer: half width of the boundary layer [rad/s]; 0: the plain sign.
     """
 
-    slope: Pair | float = pair(15.0, unit="1/s", above=0, tune=(2.0, 80.0))
-    bound: Pair | float = pair(90.0, unit="rad/s^3", above=0, tune=(5.0, 5000.0))
+    slope: Gain = pair(15.0, unit="1/s", above=0, tune=(2.0, 80.0))
+    bound: Gain = pair(90.0, unit="rad/s^3", above=0, tune=(5.0, 5000.0))
     layer: float = number(0.3, unit="rad/s", low=0, tune=(0.01, 5.0))
 
     def torque(self, observation: Array, state: State) -> tuple[Array, State]:
@@ -77,7 +76,7 @@ class TerminalSlidingMode(ComputedTorqueDob):
     """
 
     power: float = number(1.2, low=1, high=1.9, tune=(1.02, 1.8))
-    bound: Pair | float = pair(20.0, unit="rad/s^2", above=0, tune=(1.0, 200.0))
+    bound: Gain = pair(20.0, unit="rad/s^2", above=0, tune=(1.0, 200.0))
 
     def acceleration(self, observation: Array, q: Array, v: Array) -> Array:
         """Return a, the desired acceleration [n x 2] rad/s^2."""

@@ -7,10 +7,9 @@ from typing import ClassVar
 import numpy as np
 from scipy.linalg import solve_continuous_are
 
-from controllers.base import State, TorqueLaw
+from controllers.base import Gain, State, TorqueLaw
 from controllers.numerics.dynamics import inverse_dynamics
 from fbl_gym.model.arm import Array, inertia_matrix
-from fbl_gym.records.checks import Pair
 from fbl_gym.records.record import number, pair
 
 TOP = np.array([np.pi / 2, 0.0])
@@ -50,8 +49,8 @@ class SwingUp(TorqueLaw):
     stiffness: float = number(0.05, unit="1/s^2", low=0)
     damping: float = number(3.5, unit="1/s", low=0)
     pump: float = number(20.0, unit="1/s", above=0)
-    angle: Pair | float = pair((0.6, 0.25), unit="1/rad", above=0)
-    rate: Pair | float = pair((1.6, 0.35), unit="s/rad", above=0)
+    angle: Gain = pair((0.6, 0.25), unit="1/rad", above=0)
+    rate: Gain = pair((1.6, 0.35), unit="s/rad", above=0)
     effort: float = number(0.15, above=0)
     catch: float = number(23.0, above=0)
 

@@ -1,19 +1,17 @@
 """Oracles, which read the real arm from `env.truth`. They are not ranked."""
 
-import dataclasses
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 
-from controllers.base import Law, State
+from controllers.base import Gain, Law, State
 from controllers.numerics.elastic import rate
 from controllers.numerics.regulator import ANGLES, COSINES, at_angle, design
 from controllers.oracles.true_arm import TrueArm
 from controllers.preview import known_reference, past_reference, sampled_at
 from fbl_gym.interface import Interface
 from fbl_gym.model.arm import Array, inertia_matrix, inverse_dynamics, with_rotors
-from fbl_gym.records.checks import Pair
 from fbl_gym.records.record import number, pair
 
 PREVIEW = 0.15
@@ -24,7 +22,7 @@ PREVIEW = 0.15
 class _Oracle(Law):
     """Base of the oracles. Each acts only in the environment that it was built for."""
 
-    env: Any = dataclasses.field(repr=False)
+    env: Any = field(repr=False)
 
     access: ClassVar[str] = "oracle"
 
@@ -64,8 +62,8 @@ class OracleFlm(_Oracle):
         kd: derivative gain [1/s], per joint.
     """
 
-    kp: Pair | float = pair(400.0, unit="1/s^2")
-    kd: Pair | float = pair(40.0, unit="1/s")
+    kp: Gain = pair(400.0, unit="1/s^2")
+    kd: Gain = pair(40.0, unit="1/s")
 
     def drive(self, observation: Array, arm: TrueArm, state: State) -> tuple[Array, State]:
         """Return the torque [n x 2] N m that the drives are asked for, and `state` unchanged."""

@@ -10,7 +10,6 @@ Program. 106(1), 2006).
 import math
 from dataclasses import dataclass
 from functools import lru_cache
-from itertools import chain
 from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
@@ -42,12 +41,13 @@ UNITS = np.array([1.0, 1.0, 10.0, 10.0, 100.0, 100.0])
 
 @lru_cache(maxsize=4)
 def planner(count: int, step: float) -> Any:
-    """Return the solver of a plan of `count` intervals of `step` [s], a function of CasADi.
+    """Return the solver of a plan of `count` intervals of `step` [s].
 
-    Its unknowns are q, v and a at the knots and a bound s of each joint's error, [8 x (count + 1)].
-    In between, a is linear, so that the motion is exact. The sum of s is minimised. The parameters
-    are q and v at the start [4]; at each knot [2 x (count + 1)], the reference; then of both joints
-    the amplitude, viscous friction, dry friction and torque limit [2 x 4]; lag, and arm [7].
+    It is a function (guess, parameters) -> (solution, success). Its unknowns are q, v and a at the
+    knots and a bound s of each joint's error, [8 x (count + 1)]. In between, a is linear, so that
+    the motion is exact. The sum of s is minimised. The parameters are q and v at the start [4]; at
+    each knot [2 x (count + 1)], the reference; then of both joints the amplitude, viscous friction,
+    dry friction and torque limit [2 x 4]; lag, and arm [7].
     """
     x, start, r = ca.MX.sym("x", 8, count + 1), ca.MX.sym("start", 4), ca.MX.sym("r", 2, count + 1)
     joints, lag, arm = ca.MX.sym("joints", 2, 4), ca.MX.sym("lag"), ca.MX.sym("arm", 7)
@@ -56,11 +56,21 @@ def planner(count: int, step: float) -> Any:
     torque = (_load(arm, q, v, a) + viscous * v + dry * ca.tanh(v / SLOW)) / limit
     lead = lag * (torque[:, 1:] - torque[:, :-1]) / step
     error, bound = (q - r) / amplitude, x[6:, :]
-    zeros = [*_jumps(q, v, a, step), (ca.vertcat(q[:, 0], v[:, 0]) - start) / UNITS[:4]]
+    # Without jumps of q and v at the knots; a is linear in between.
+    q_next = q[:, :-1] + step * v[:, :-1] + step**2 * (a[:, :-1] / 3 + a[:, 1:] / 6)
+    v_next = v[:, :-1] + step * (a[:, :-1] + a[:, 1:]) / 2
+    zeros = [q[:, 1:] - q_next, (v[:, 1:] - v_next) / 10, (ca.vertcat(q[:, 0], v[:, 0]) - start) / UNITS[:4]]
     shares = [torque[:, :-1] + lead, torque[:, 1:] + lead]
     cost = ca.sum1(ca.vec(bound)) + 1e-9 * ca.sumsqr((a[:, 1:] - a[:, :-1]) / step)
     given = ca.vertcat(start, ca.vec(r), ca.vec(joints), lag, arm)
-    return _solver(x, given, cost, zeros, shares, [bound - error, bound + error])
+    # The constraints are expressions that are zero, in [-1, 1], and positive.
+    groups = [[ca.vec(each) for each in group] for group in (zeros, shares, [bound - error, bound + error])]
+    problem = {"x": ca.vec(x), "p": given, "f": cost, "g": ca.vertcat(*groups[0], *groups[1], *groups[2])}
+    options: Any = {"ipopt.print_level": 0, "ipopt.sb": "yes", "ipopt.max_iter": 300, "ipopt.tol": 1e-5}
+    solver = ca.nlpsol("planner", "ipopt", problem, options | {"print_time": False, "expand": True})
+    sizes = [sum(part.numel() for part in group) for group in groups]
+    low, high = (np.repeat(bound, sizes) for bound in ([0.0, -1.0, 0.0], [0.0, 1.0, np.inf]))
+    return lambda guess, given: (solver(x0=guess, p=given, lbg=low, ubg=high)["x"], solver.stats()["success"])
 
 
 def _load(arm: Any, q: Any, v: Any, a: Any) -> Any:
@@ -70,27 +80,6 @@ def _load(arm: Any, q: Any, v: Any, a: Any) -> Any:
     b1, b2 = coriolis_terms(p3, ca.sin(q[1, :]), v[0, :], v[1, :])
     g1, g2 = gravity_terms(p4, p5, ca.cos(q[0, :]), ca.cos(q[0, :] + q[1, :]))
     return ca.vertcat(m11 * a[0, :] + m12 * a[1, :] + b1 + g1, m12 * a[0, :] + m22 * a[1, :] + b2 + g2)
-
-
-def _jumps(q: Any, v: Any, a: Any, step: float) -> tuple[Any, Any]:
-    """Return the jumps of q and v at the knots, where a is linear in between."""
-    q_next = q[:, :-1] + step * v[:, :-1] + step**2 * (a[:, :-1] / 3 + a[:, 1:] / 6)
-    v_next = v[:, :-1] + step * (a[:, :-1] + a[:, 1:]) / 2
-    return q[:, 1:] - q_next, (v[:, 1:] - v_next) / 10
-
-
-def _solver(x: Any, given: Any, cost: Any, zeros: list[Any], shares: list[Any], positive: list[Any]) -> Any:
-    """Return a function (guess, parameters) -> (solution, success) that minimises the cost.
-
-    The constraints are expressions that are zero, in [-1, 1], and positive.
-    """
-    groups = [[ca.vec(each) for each in group] for group in (zeros, shares, positive)]
-    problem = {"x": ca.vec(x), "p": given, "f": cost, "g": ca.vertcat(*chain(*groups))}
-    options: Any = {"ipopt.print_level": 0, "ipopt.sb": "yes", "ipopt.max_iter": 300, "ipopt.tol": 1e-5}
-    solver = ca.nlpsol("planner", "ipopt", problem, options | {"print_time": False, "expand": True})
-    sizes = [sum(part.numel() for part in group) for group in groups]
-    low, high = (np.repeat(bound, sizes) for bound in ([0.0, -1.0, 0.0], [0.0, 1.0, np.inf]))
-    return lambda guess, given: (solver(x0=guess, p=given, lbg=low, ubg=high)["x"], solver.stats()["success"])
 
 
 class PlannedState(NamedTuple):

@@ -1,10 +1,8 @@
 """The real arm as the oracles predict it, from `env.truth`: delay, lag, friction, springs."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 
@@ -32,7 +30,7 @@ class TrueArm:
     gravity: float
 
     @classmethod
-    def of(cls, env: object) -> TrueArm:
+    def of(cls, env: object) -> Self:
         """Return the arms of an environment, single or batched."""
         truth: Truth = env.truth  # type: ignore[attr-defined]
         if truth.position.ndim == 1:
@@ -40,7 +38,7 @@ class TrueArm:
         scenario = env.scenario  # type: ignore[attr-defined]
         return cls(truth, scenario, scenario.arm.gravity)
 
-    def of_lanes(self, lanes: Array) -> TrueArm:
+    def of_lanes(self, lanes: Array) -> Self:
         """Return the arms of some lanes, in an order and as often as they are given."""
         return replace(self, truth=Truth(**{name: value[lanes] for name, value in vars(self.truth).items()}))
 

@@ -4,12 +4,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from controllers.base import IntegralLaw, IntegralState, State
+from controllers.base import Gain, IntegralLaw, IntegralState, State
 from controllers.numerics.dynamics import inverse_dynamics
 from controllers.numerics.windup import winds_up
 from fbl_gym.model.arm import ArmParameters, Array
 from fbl_gym.options import Friction
-from fbl_gym.records.checks import Pair
 from fbl_gym.records.record import Distribution, number, pair, record
 
 
@@ -41,12 +40,12 @@ class CascadeFlm(IntegralLaw):
         disturbance: tau_d^, a known constant disturbance torque [N m], per joint.
     """
 
-    kp: Pair | float = pair(10.0, unit="1/s", tune=(1.0, 100.0))
-    velocity_p: Pair | float = pair((30.0, 35.0), unit="1/s", tune=(5.0, 200.0))
-    velocity_i: Pair | float = pair((13.0, 20.0), unit="1/s^2", tune=(1.0, 2000.0))
+    kp: Gain = pair(10.0, unit="1/s", tune=(1.0, 100.0))
+    velocity_p: Gain = pair((30.0, 35.0), unit="1/s", tune=(5.0, 200.0))
+    velocity_i: Gain = pair((13.0, 20.0), unit="1/s^2", tune=(1.0, 2000.0))
     feedforward: float = number(0.0, low=0, high=1)
     friction: Friction | None = record(Friction, None)
-    disturbance: Pair | float = pair(0.0, unit="N m")
+    disturbance: Gain = pair(0.0, unit="N m")
 
     def validate(self) -> None:
         """Refuse a known friction that varies, or that follows the torque."""

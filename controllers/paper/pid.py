@@ -4,11 +4,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from controllers.base import IntegralLaw, IntegralState, State
+from controllers.base import Gain, IntegralLaw, IntegralState, State
 from controllers.numerics.dynamics import inverse_dynamics
 from controllers.numerics.windup import winds_up
 from fbl_gym.model.arm import Array
-from fbl_gym.records.checks import Pair
 from fbl_gym.records.record import pair
 
 
@@ -30,9 +29,9 @@ class PidFlm(IntegralLaw):
         kd: derivative gain [1/s], per joint.
     """
 
-    kp: Pair | float = pair(10.0, unit="1/s^2", tune=(1.0, 1e4))
-    ki: Pair | float = pair(0.0, unit="1/s^3", tune=(1e-2, 1e4))
-    kd: Pair | float = pair(3.0, unit="1/s", tune=(1.0, 200.0))
+    kp: Gain = pair(10.0, unit="1/s^2", tune=(1.0, 1e4))
+    ki: Gain = pair(0.0, unit="1/s^3", tune=(1e-2, 1e4))
+    kd: Gain = pair(3.0, unit="1/s", tune=(1.0, 200.0))
 
     def torque(self, observation: Array, state: State) -> tuple[Array, State]:
         """Return the torque [n x 2] N m, and the next integral."""

@@ -1,8 +1,7 @@
 """The safety filter."""
 
-import dataclasses
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -35,7 +34,7 @@ class Barrier(Record):
         margin: distance that is kept from the bounds of the position.
     """
 
-    interface: Interface = dataclasses.field(repr=False)
+    interface: Interface = field(repr=False)
     decay: float = number(10.0, unit="1/s", above=0, tune=(2.0, 50.0))
     margin: Pair | float = pair(0.0, unit="rad", low=0)
 

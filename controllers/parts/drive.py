@@ -1,11 +1,9 @@
 """The drive as its datasheet states it, by which a law pairs a motion with its torque."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 from functools import cached_property
-from typing import NamedTuple
+from typing import NamedTuple, Self
 
 import numpy as np
 
@@ -46,7 +44,7 @@ class Drive:
     sent: Array | None = None
 
     @classmethod
-    def of(cls, interface: Interface) -> Drive:
+    def of(cls, interface: Interface) -> Self:
         """Return the drive of an interface."""
         return cls(interface.control_dt, sum(interface.delay) / 2 + interface.latency, sum(interface.lag) / 2)
 

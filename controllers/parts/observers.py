@@ -1,7 +1,5 @@
 """Observers: the motion of both joints, estimated from the measured position."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -20,6 +18,10 @@ TUNE = (15.0, 300.0)
 class Observer(Record):
     """Base of the observers: each estimates both joints' motion from the measured position.
 
+    `correct` returns the estimate from the memory and the position that is measured at a sample
+    [n x 2] rad. `predict` returns the memory for the next sample from the estimate and the nominal
+    acceleration u [n x 2] rad/s^2.
+
     An estimate [n x 2 x 4] is position, velocity, acceleration and f of each joint. f is the
     acceleration that the nominal model does not explain; zero, if the observer does not estimate
     it. The memory [n x 2 x 4] is all that changes from sample to sample.
@@ -34,20 +36,6 @@ class Observer(Record):
         """Return the memory before an episode, from the motion [n x 2] rad and rad/s."""
         zeros = np.zeros_like(position)
         return np.stack([position, velocity, zeros, zeros], axis=-1)
-
-    def correct(self, memory: Array, position: Array, velocity: Array | None = None) -> Array:
-        """Return the estimate at a sample.
-
-        Args:
-            memory: from `initial` or `predict`.
-            position: measured [n x 2] rad.
-            velocity: measured [n x 2] rad/s; None: there is no such sensor.
-        """
-        raise NotImplementedError
-
-    def predict(self, estimate: Array, u: Array) -> Array:
-        """Return the memory for the next sample; u [n x 2] rad/s^2 is the nominal acceleration."""
-        raise NotImplementedError
 
 
 @dataclass(frozen=True)
@@ -78,7 +66,7 @@ class Eso(Observer):
         # det(s I - F + F L H) = (s - z)^3
         return np.stack([1.0 - z**3, 1.5 * (1.0 - z) ** 2 * (1.0 + z) / dt, (1.0 - z) ** 3 / dt**2], axis=-1)
 
-    def correct(self, memory: Array, position: Array, velocity: Array | None = None) -> Array:
+    def correct(self, memory: Array, position: Array) -> Array:
         """Return the estimate at a sample."""
         # x = x + L (y - H x)
         q, v, f = (memory[..., :3] + self.gain * (position - memory[..., 0])[..., None]).transpose(2, 0, 1)
@@ -113,7 +101,7 @@ class Kalman(Observer):
         p = solve_discrete_are(f.T, np.array([[1.0], [0.0]]), self.bandwidth**4 * b @ b.T, np.eye(1))
         return p[:, 0] / (p[0, 0] + 1.0)
 
-    def correct(self, memory: Array, position: Array, velocity: Array | None = None) -> Array:
+    def correct(self, memory: Array, position: Array) -> Array:
         """Return the estimate at a sample; the acceleration is that of the estimated velocity."""
         q, v, u, f = memory.transpose(2, 0, 1)
         innovation = position - q
@@ -126,5 +114,5 @@ class Kalman(Observer):
         return np.stack([q + self.dt * v + 0.5 * self.dt**2 * u, v + self.dt * u, u, f], axis=-1)
 
 
-OBSERVERS: dict[str, type[Observer]] = {"kalman": Kalman, "eso": Eso}
+OBSERVERS: dict[str, type[Eso | Kalman]] = {"kalman": Kalman, "eso": Eso}
 """The observers, by name."""

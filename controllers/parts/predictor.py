@@ -1,8 +1,7 @@
 """The predictor of a late drive."""
 
-import dataclasses
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 
 import numpy as np
@@ -34,7 +33,7 @@ class Predictor(Record):
         lead: share of the lag that is inverted.
     """
 
-    interface: Interface = dataclasses.field(repr=False)
+    interface: Interface = field(repr=False)
     lead: float = number(0.5, low=0, high=1, tune=(0.05, 1.0))
 
     @cached_property

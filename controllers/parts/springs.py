@@ -1,9 +1,6 @@
 """The reference of motors behind springs."""
 
-from __future__ import annotations
-
-import dataclasses
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 
 import numpy as np
@@ -31,7 +28,7 @@ class Springs(Record):
         share: of the deflection that the motors lead by.
     """
 
-    interface: Interface = dataclasses.field(repr=False)
+    interface: Interface = field(repr=False)
     share: float = number(1.0, low=0, high=2, tune=(0.5, 1.5))
 
     @cached_property

@@ -1,17 +1,20 @@
 """A closed loop in one environment, as many tests of controllers run it."""
 
 import numpy as np
-from scipy.linalg import expm
 
+import controllers
 from benchmarks.run.contract import check
-from fbl_gym import TwoLinkArmEnv, scenarios
+from fbl_gym import TwoLinkArmEnv, TwoLinkArmVectorEnv, scenarios
 
+# References at rest, on which loops are linear, and an exciting one.
 STILL = {"kind": "minimum-jerk", "points": ((-1.0, 0.5),)}
-"""A reference at rest, on which loops are linear."""
+EXCITING = {"kind": "fourier", "centre": (-np.pi / 2, 0.0), "frequency": 0.2}
+REST = (-np.pi / 2, 0.4)
+HANGING = {"reference": {"kind": "minimum-jerk", "points": (REST,)}}
 
 FAST = {"reference": STILL, "control_dt": 1e-3, "physics_dt": 1e-3}
+# A law at 1 kHz, without a drive.
 EXACT = {**FAST, "action": "torque", "actuator": None}
-"""A law at 1 kHz, without a drive."""
 
 
 def nominal(**changes):
@@ -47,16 +50,13 @@ def tracking(policy, env, steps, seed=0):
     return np.array([*errors, error_of(env)]), states
 
 
+def mean_error(name, steps=300, skip=50, lanes=4, **options):
+    """Return the mean true error of a law after its first samples [rad]."""
+    env = TwoLinkArmVectorEnv(lanes, **options)
+    return np.abs(tracking(controllers.make(name, env), env, steps)[0][skip:]).mean()
+
+
 def broken_promises(policy, scenario=None):
     """Return what `fbl-gym check-policy` finds broken, by default where a payload is picked up after 3 of 4 s."""
     scenario = scenario or scenarios.get("everything-2").replace(duration=4.0)
     return [f"{found.promise}: {found.detail}" for found in check(policy, scenario) if not found.kept]
-
-
-def response(a, x0, dt, steps):
-    """First component of x' = a x from x0, at each sample."""
-    step, x, log = expm(np.array(a) * dt), np.array(x0), []
-    for _ in range(steps + 1):
-        log.append(x[0])
-        x = step @ x
-    return np.array(log)

@@ -1,4 +1,4 @@
-"""Laws composed with observers and a predictor."""
+"""Laws composed with observers, predictor, springs and safety filter, which `Filtered` puts around any policy."""
 
 import numpy as np
 import pytest
@@ -7,22 +7,17 @@ import controllers
 from benchmarks.policies.spec import resolve
 from controllers import catalogue
 from controllers.base import leaves
-from controllers.composition import Composed
+from controllers.composition import Composed, Filtered
+from controllers.parts.barrier import Barrier
 from controllers.parts.drive import Drive
 from controllers.parts.observers import OBSERVERS
 from controllers.parts.springs import Springs
 from fbl_gym import TABLE_1, TwoLinkArmEnv, TwoLinkArmVectorEnv, scenarios
-from fbl_gym.model.arm import inverse_dynamics
+from fbl_gym.model.arm import forward_dynamics, inverse_dynamics
 from fbl_gym.records.record import tuning_ranges
-from tests.controllers.closed_loop import broken_promises, loop, tracking
+from tests.controllers.closed_loop import broken_promises, loop, mean_error
 
 LAWS = [name for name, *_ in catalogue.LAWS if name not in catalogue.ACCESS]
-
-
-def error(name, steps=300, lanes=4, **options):
-    """Mean true error of a law after its first 50 samples [rad]."""
-    env = TwoLinkArmVectorEnv(lanes, **options)
-    return np.abs(tracking(controllers.make(name, env), env, steps)[0][50:]).mean()
 
 
 def test_the_prediction_of_one_arm_has_the_bits_of_its_row_in_a_batch():
@@ -61,10 +56,10 @@ def test_with_an_exact_model_the_prediction_is_the_true_motion(action, delay, la
 )
 def test_a_predictor_undoes_the_delay(actuator):
     """With an exact model and a preview, the error is near that without delay."""
-    ideal = error("computed-torque", preview=5)
-    late = error("computed-torque+predictor", preview=5, actuator=actuator)
+    ideal = mean_error("computed-torque", preview=5)
+    late = mean_error("computed-torque+predictor", preview=5, actuator=actuator)
     assert late < 1.1 * ideal + (1e-4 if "lag" in actuator else 2e-5)
-    assert error("computed-torque", actuator=actuator) > 2.5 * ideal
+    assert mean_error("computed-torque", actuator=actuator) > 2.5 * ideal
 
 
 SPRINGS = {
@@ -78,7 +73,7 @@ SPRINGS = {
 def test_the_links_follow_where_the_motors_lead_by_the_deflection():
     """With an exact model, encoders on the motors: the error falls to a tenth."""
     names = (f"computed-torque-dob{part}@frequency=60" for part in ("", "+springs"))
-    without, with_part = (error(name, steps=2000, **SPRINGS) for name in names)
+    without, with_part = (mean_error(name, steps=2000, **SPRINGS) for name in names)
     assert with_part < 0.1 * without
 
 
@@ -108,7 +103,7 @@ def test_the_motors_reference_is_that_of_the_springs_torque():
 @pytest.mark.parametrize("joint", [None, {**SPRINGS["joint"], "encoder": "link"}])
 def test_without_springs_before_the_encoder_the_reference_stays(joint):
     options = {**SPRINGS, "joint": joint}
-    assert error("computed-torque+springs", **options) == error("computed-torque", **options)
+    assert mean_error("computed-torque+springs", **options) == mean_error("computed-torque", **options)
 
 
 @pytest.mark.parametrize("name", OBSERVERS)
@@ -122,7 +117,7 @@ def test_an_observer_estimates_the_motion(name, wrong_model):
     errors = []
     for observation, state, *_ in loop(law, env, 300):
         state, truth = state or law.initial(observation[None]), env.truth
-        estimate = law._look(observation[None], state).estimate[0]
+        estimate = law._look(observation[None], state)[1][0]
         errors.append(estimate[:, :3].T - [truth.position, truth.velocity, truth.acceleration])
     position, velocity, acceleration = np.abs(errors[50:]).mean(axis=(0, 2))
     largest = {"kalman": 0.05 if wrong_model else 1e-3, "eso": 1e-3}
@@ -147,7 +142,7 @@ def test_a_missing_sensor_is_estimated():
     law = controllers.make("computed-torque", env, frequency=9.0)
     assert isinstance(law, Composed)
     assert law.frequency == (9.0, 9.0)
-    assert error("computed-torque", sensors=("position",)) < 1.2 * error("computed-torque")
+    assert mean_error("computed-torque", sensors=("position",)) < 1.2 * mean_error("computed-torque")
     assert not isinstance(controllers.make("computed-torque", TwoLinkArmEnv()), Composed)
     assert not isinstance(controllers.make("computed-torque-eso", env), Composed)
 
@@ -206,3 +201,83 @@ def test_a_decision_is_settled_by_the_torque_that_is_sent(name):
         np.testing.assert_array_equal(torque, expected[0])
         for each, other in zip(leaves(law.settle(draft, sent)), leaves(expected[1]), strict=True):
             np.testing.assert_array_equal(each, other)
+
+
+BOX = {"low": (-2.1, -0.9), "high": (-1.1, 0.5), "velocity": (0.9, 1.2)}
+#: A motion that starts within the box and leaves it on every side.
+MOVES = {"kind": "minimum-jerk", "points": [(-1.5, 0.0), (-0.9, 0.7), (-2.3, -1.1)], "move_time": 0.7, "hold_time": 0.1}
+
+
+def filtered(name):
+    """Return what makes a policy within the safety filter."""
+    return lambda env: Filtered(controllers.make(name, env), env.interface)
+
+
+def motion(policy, steps=400, **options):
+    """Return positions and velocities [T x 2] of an arm, and the actions of a policy: its name, or what makes it."""
+    env = TwoLinkArmEnv(reference=MOVES, **{"constraints": BOX, "control_dt": 4e-3, **options})
+    policy, rows = controllers.make(policy, env) if isinstance(policy, str) else policy(env), []
+    for _, _, action, _ in loop(policy, env, steps + 1, seed=1):
+        signals = env._batch.true_signals()
+        rows.append((signals["position"][0], signals["velocity"][0], action))
+    return np.moveaxis(rows, 1, 0)
+
+
+def worst(positions, velocities):
+    """Return the largest violation of each kind of bound [rad], [rad/s]."""
+    beyond = np.maximum(np.array(BOX["low"]) - positions, positions - np.array(BOX["high"]))
+    return beyond.max(), (np.abs(velocities) - np.array(BOX["velocity"])).max()
+
+
+@pytest.mark.parametrize(("name", "action"), [("computed-torque", "normalized"), ("pd-gravity", "acceleration")])
+def test_the_bounds_hold_with_an_exact_model_and_a_fine_rate(name, action):
+    free = worst(*motion(name, action=action)[:2])
+    assert min(free) > 0.05
+    position, velocity = worst(*motion(f"{name}+barrier", action=action)[:2])
+    assert position < 1e-4
+    assert velocity < 1e-3
+
+
+def test_a_predictor_keeps_the_bounds_through_a_delay():
+    """A delay of 20 ms is long for a decay of 40 1/s."""
+    late, names = {"actuator": {"delay_samples": 5}, "preview": 10}, ("barrier", "predictor+barrier")
+    without, with_it = (worst(*motion(f"computed-torque+{name}@barrier_decay=40", **late)[:2]) for name in names)
+    assert min(without) > 0.02
+    assert max(with_it) < 1e-3
+
+
+def test_a_filter_around_a_policy_equals_that_of_the_law():
+    np.testing.assert_allclose(motion(filtered("pd-gravity"), 200), motion("pd-gravity+barrier", 200), atol=1e-9)
+
+
+@pytest.mark.parametrize("constraints", [None, {"low": -9.0, "high": 9.0, "velocity": 50.0}], ids=["none", "wide"])
+@pytest.mark.parametrize("name", ["pid-gravity", "slotine-li", "td3"])
+def test_an_inactive_filter_changes_no_bit(name, constraints):
+    def action(policy):
+        return motion(policy, 60, constraints=constraints, scenario="everything-2", control_dt=0.01)[2]
+
+    plain = action(name)
+    np.testing.assert_array_equal(action(filtered(name)), plain)
+    if name != "td3":
+        np.testing.assert_array_equal(action(f"{name}+barrier"), plain)
+
+
+def test_the_filter_solves_the_quadratic_program():
+    """No other acceleration in the box is nearer to the wanted one, also for a state outside of the constraints."""
+    env = TwoLinkArmEnv(constraints=BOX, actuator=None, action="torque")
+    barrier, rng = Barrier(env.interface, decay=8.0, margin=0.05), np.random.default_rng(0)
+    q, v, torque = rng.uniform(-2, 1, (500, 2)), rng.normal(0, 0.5, (500, 2)), rng.normal(0, 100, (500, 2))
+    low, high = barrier.accelerations(q, v)
+    assert (low <= high).all()
+    safe, wanted = (forward_dynamics(env.interface.nominal, q, v, x) for x in (barrier.filtered(torque, q, v), torque))
+    inside = (low <= wanted) & (wanted <= high)
+    np.testing.assert_allclose(safe, np.clip(wanted, low, high), atol=1e-9)
+    np.testing.assert_array_equal((barrier.filtered(torque, q, v) == torque).all(axis=-1), inside.all(axis=-1))
+    assert 10 < inside.all(axis=-1).sum() < 490
+
+
+def test_a_barrier_composes_and_keeps_every_promise():
+    scenario = scenarios.get("everything-2").replace(constraints=BOX, duration=0.3)
+    assert broken_promises("pid-flm+kalman+barrier", scenario) == []
+    law = resolve("pid-flm+kalman+barrier").make(TwoLinkArmEnv(), barrier_margin=0.1)
+    assert law._barrier.margin == (0.1, 0.1)

@@ -1,12 +1,16 @@
-"""Disturbances that laws estimate, errors that a constant load leaves, and integrators that pause."""
+"""Disturbances that laws estimate or learn, errors that a constant load leaves, and integrators that pause."""
+
+import dataclasses
 
 import numpy as np
 import pytest
 
 import controllers
+from controllers.laws.gaussian_process import SIGNAL
+from controllers.parts.observers import Eso
 from fbl_gym import TwoLinkArmEnv
-from fbl_gym.model.arm import inertia_matrix
-from tests.controllers.closed_loop import STILL, loaded, tracking
+from fbl_gym.model.arm import inertia_matrix, inverse_dynamics
+from tests.controllers.closed_loop import EXCITING, HANGING, STILL, loaded, loop, mean_error, tracking
 
 MOTION = {"kind": "fourier", "centre": (-np.pi / 2, 0.0), "frequency": 0.3}
 INERTIA = np.diagonal(inertia_matrix(TwoLinkArmEnv().interface.nominal, (0.0, 0.0)))
@@ -41,12 +45,12 @@ def test_saturation_is_not_taken_for_a_disturbance(name):
     assert np.abs(errors[-1]).max() < 1e-3
 
 
+#: Laws with the sensors that they need, of which an accelerometer may be biased.
 INTEGRATING = {
     "cascade-flm": {}, "computed-torque-dob": {}, "pid-gravity": {}, "computed-torque-eso": {"sensors": ("position",)},
     "h-infinity": {"sensors": ("position",)}, "ladrc": {"sensors": ("position",)},
     "lqg": {"sensors": ("position", "acceleration"), "noise": {"acceleration": {"bias": 0.5}}},
 }  # fmt: skip
-"""Laws with the sensors that they need, of which an accelerometer may be biased."""
 
 
 @pytest.mark.parametrize("name", INTEGRATING)
@@ -74,3 +78,86 @@ def test_integrators_pause_while_the_torque_saturates(name, monkeypatch):
     assert wound_up > 1.3 * unlimited
     # Of the overshoot that the limit adds to that of an unlimited arm, three quarters and more are avoided.
     assert paused - unlimited < 0.25 * (wound_up - unlimited)
+
+
+def test_the_integral_of_pid_does_not_wind_up():
+    env = TwoLinkArmEnv(**HANGING, actuator={"torque_limit": (250, 100)}, initial_error=(1.2, 0.0), duration=10.0)
+    errors, _ = tracking(controllers.make("pid-gravity", env), env, 1000)
+    assert np.abs(errors[-1]).max() < 1e-2
+
+
+def error_dynamics(observer):
+    """The matrix [3 x 3] by which the prediction of the first joint nears the truth, found by asking the observer."""
+    columns = []
+    for e in np.eye(3, 4):
+        # The truth is 0 and the prediction e: the plant stays at 0, and the next prediction is the error.
+        prediction = np.stack([e, e])[None]
+        columns.append(observer.predict(observer.correct(prediction, np.zeros((1, 2))), np.zeros((1, 2)))[0, 0, :3])
+    return np.array(columns).T
+
+
+@pytest.mark.parametrize("dt", [1e-3, 1e-2, 1e-1])
+@pytest.mark.parametrize("w", [5.0, 80.0, 300.0])
+def test_the_observer_has_its_three_poles(dt, w):
+    """det(z - F + F L H) = (z - exp(-w dt))^3: three equal poles, inside the circle at every rate."""
+    polynomial = np.poly(error_dynamics(Eso(dt, w)))
+    np.testing.assert_allclose(polynomial, np.poly([np.exp(-w * dt)] * 3), rtol=1e-7, atol=1e-7)
+
+
+def test_the_estimate_of_a_constant_disturbance_follows_its_step_response():
+    """From rest, f' = f (1 - (1 + w t + (w t)^2 / 2) exp(-w t)): the step response of three poles at -w."""
+    dt, w, f = 1e-3, 20.0, 3.0
+    observer = Eso(dt, w)
+    prediction, log = observer.initial(np.zeros((1, 2)), np.zeros((1, 2))), []
+    t = dt * np.arange(600)
+    for q in 0.5 * f * t**2:
+        estimate = observer.correct(prediction, np.full((1, 2), q))
+        prediction = observer.predict(estimate, np.zeros((1, 2)))
+        log.append(estimate[0, 0, 3])
+    wt = w * t
+    np.testing.assert_allclose(log, f * (1.0 - (1.0 + wt + wt**2 / 2) * np.exp(-wt)), atol=0.02 * f)
+    assert log[-1] == pytest.approx(f, rel=1e-3)
+
+
+def test_ladrc_knows_one_number_of_each_joint():
+    """With another gravity in the nominal model, the torque is the same."""
+    env = TwoLinkArmEnv()
+    light = dataclasses.replace(env.interface, nominal=dataclasses.replace(env.interface.nominal, gravity=0.0))
+    law, other = (controllers.make("ladrc", interface) for interface in (env.interface, light))
+    for observation, state, action, _ in loop(law, env, 20):
+        np.testing.assert_array_equal(other.predict(observation, state)[0], action)
+
+
+def test_the_torque_has_the_mean_of_a_gaussian_process():
+    """k' (K + s^2 I)^-1 y over all samples, kernel of random cosines and time (Rasmussen and Williams 2006, (2.25))."""
+    env = TwoLinkArmEnv(parameter_error={"radius": 0.3}, actuator=None, action="torque", reference=EXCITING)
+    policy = controllers.make("computed-torque-gp", env, memory=0.5, noise=0.2)
+    frequencies, phases = policy.spectrum
+    rows, targets = [], []
+    before, last = None, None
+    for observation, _, torque, _ in loop(policy, env, 60):
+        names = ("reference_position", "reference_velocity", "reference_acceleration")
+        q, v, *reference = policy.read(observation, "position", "velocity", *names)
+        rows.append(np.cos(np.concatenate(reference) @ frequencies + phases) * np.sqrt(2 / len(phases)))
+        if before is not None:
+            model = inverse_dynamics(env.interface.nominal, q, 0.5 * (v + last), (v - last) / 0.01)
+            targets.append((before - model) / policy.weight)
+        else:
+            targets.append(np.zeros(2))
+        z, before, last = np.array(rows), torque, v
+        time = 0.01 * np.arange(len(z))
+        kernel = SIGNAL**2 * z @ z.T * np.exp(-np.abs(time[:, None] - time) / 0.5)
+        mean = kernel[-1] @ np.linalg.solve(kernel + 0.2**2 * np.eye(len(z)), np.array(targets))
+        wanted = policy.acceleration(observation[None], q[None], v[None])[0]
+        plain = inverse_dynamics(env.interface.nominal, q, v, wanted)
+        np.testing.assert_allclose(torque, plain + policy.weight * mean, rtol=1e-6, atol=1e-6)
+
+
+def test_it_learns_what_the_model_misses():
+    """On a wrong arm behind a delayed drive, the error falls to a fraction of that of computed torque."""
+    wrong = {"parameter_error": {"radius": 0.2}, "friction": {"viscous": 10.0}}
+    late = {"actuator": {"delay_samples": 1, "lag": 0.01}}
+    options = {"steps": 1400, "skip": 901, "lanes": 2, "reference": EXCITING, "duration": 15.0, **wrong, **late}
+    names = ("computed-torque@frequency=10", "computed-torque-gp@frequency=10")
+    plain, learned = (mean_error(name, **options) for name in names)
+    assert learned < 0.4 * plain

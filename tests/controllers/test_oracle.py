@@ -12,11 +12,11 @@ from fbl_gym import TwoLinkArmVectorEnv
 from fbl_gym.model.arm import inverse_dynamics, with_rotors
 from fbl_gym.scenarios.classes import CLASSES
 from fbl_gym.scenarios.tiers import tier_scenario
-from tests.controllers.closed_loop import loop, tracking
+from tests.controllers.closed_loop import loop, mean_error, tracking
 from tests.fbl_gym.declared import VARYING
 
+#: Each number of the friction, so that a new one must reach the oracles.
 FRICTION = {f.name: 0.05 if f.name == "load" else 2.0 for f in VARYING if f.path.startswith("friction.")}
-"""Each number of the friction, so that a new one must reach the oracles."""
 
 SPRING = {"stiffness": (8000.0, 2000.0), "damping": 5.0, "rotor_inertia": (3.0, 1.0), "encoder": "link"}
 
@@ -49,27 +49,19 @@ def test_the_regulator_is_optimal():
         np.testing.assert_allclose(gain, np.linalg.solve(np.diag(1.0 / s**2) + b.T @ p @ b, b.T @ p @ a), rtol=1e-9)
 
 
-def mean_error(name, scenario, **options):
-    """Mean true error of four seeds after half a second [rad]."""
-    env = TwoLinkArmVectorEnv(4, scenario, preview=15, **options)
-    return np.abs(tracking(controllers.make(name, env), env, 300)[0][50:]).mean()
-
-
 @pytest.mark.parametrize("scenario", ["servo-delay-3", "servo-lag-2", "servo-elastic-3", "servo-payload-2"])
 def test_the_oracle_is_best_under_delay_lag_and_elasticity(scenario):
     """Errors of at most some tenths of a milliradian, far below the oracle without prediction."""
-    plain, elastic = (mean_error(name, scenario) for name in ("oracle-flm", "oracle-elastic"))
+    plain, elastic = (mean_error(name, scenario=scenario, preview=15) for name in ("oracle-flm", "oracle-elastic"))
     assert elastic < 0.3 * plain
     assert elastic < 8e-4
 
 
 def test_preview_helps_where_springs_are_soft():
     """Differences over 1 ms need the samples of the reference that lie before now."""
-    errors = []
-    for preview in (150, 0):
-        env = TwoLinkArmVectorEnv(2, "geared-practice-elastic-3", preview=preview)
-        errors.append(np.abs(tracking(controllers.make("oracle-elastic", env), env, 600)[0][300:]).mean())
-    assert errors[0] < 0.2 * errors[1]
+    options = {"steps": 600, "skip": 300, "lanes": 2, "scenario": "geared-practice-elastic-3"}
+    ahead, none = (mean_error("oracle-elastic", preview=preview, **options) for preview in (150, 0))
+    assert ahead < 0.2 * none
 
 
 def test_gains_follow_the_arm():
@@ -91,8 +83,9 @@ def test_gains_follow_the_arm():
 
 def test_the_oracle_tracks_best():
     """The oracle tracks far better than any other law if parameters, load and friction are wrong."""
-    others = min(mean_error(name, "everything-3") for name in ("cascade-flm", "pid-flm", "pd-gravity"))
-    assert mean_error("oracle-flm", "everything-3") < 0.1 * others
+    options = {"scenario": "everything-3", "preview": 15}
+    others = min(mean_error(name, **options) for name in ("cascade-flm", "pid-flm", "pd-gravity"))
+    assert mean_error("oracle-flm", **options) < 0.1 * others
 
 
 def planned(scenario, seeds, **options):

@@ -55,7 +55,7 @@ def test_the_environment_goes_to_an_oracle_alone(monkeypatch):
 
 def test_an_installed_package_adds_a_policy(monkeypatch):
     point = metadata.EntryPoint("mine", "controllers.laws.simple:PdGravity", registry.ENTRY_POINTS)
-    monkeypatch.setattr(registry, "entry_points", lambda: (point,))
+    monkeypatch.setattr(registry, "entry_points", lambda path: (point,))
     assert "mine" in controllers.names()
     assert controllers.access("mine") == "nominal"
     assert controllers.kind("mine") == "classical"
@@ -63,16 +63,26 @@ def test_an_installed_package_adds_a_policy(monkeypatch):
     assert controllers.make("mine", TwoLinkArmEnv(), frequency=3.0).frequency == (3.0, 3.0)
 
 
-def test_gains_of_a_class(tmp_path, monkeypatch):
-    """Those of its folder; where there are none, the error says how to find some."""
+def tune(folder, **frequencies):
+    """Write tuned gains of pd-gravity for classes of robots."""
+    for robot, frequency in frequencies.items():
+        (folder / robot).mkdir(exist_ok=True)
+        (folder / robot / "pd-gravity.json").write_text(json.dumps({"gains": {"frequency": frequency}}))
+
+
+@pytest.fixture
+def tuned(tmp_path, monkeypatch):
     monkeypatch.setattr("controllers.name.TUNED", tmp_path)
-    for robot, frequency in (("geared", 3.0), ("direct", 4.0)):
-        (tmp_path / robot).mkdir()
-        (tmp_path / robot / "pd-gravity.json").write_text(json.dumps({"gains": {"frequency": frequency}}))
+    tune(tmp_path, geared=3.0, direct=4.0)
+    return tmp_path
+
+
+@pytest.mark.usefixtures("tuned")
+def test_gains_of_a_class():
+    """Where there are none, the error says how to find some."""
     env = TwoLinkArmEnv("geared-nominal")
-    assert controllers.make("pd-gravity@geared", env).frequency == (3.0, 3.0)
-    assert controllers.make("pd-gravity@tuned", env).frequency == (3.0, 3.0)
-    assert controllers.make("pd-gravity@direct", env).frequency == (4.0, 4.0)
+    for tuning, frequency in (("geared", 3.0), ("tuned", 3.0), ("direct", 4.0)):
+        assert controllers.make(f"pd-gravity@{tuning}", env).frequency == (frequency, frequency)
     assert controllers.make("pd-gravity@tuned", TwoLinkArmEnv("direct-nominal")).frequency == (4.0, 4.0)
     for name in ("pd-gravity@servo", "pd-gravity+springs@servo"):
         with pytest.raises(ValueError, match=r"no tuned gains for the class .*fbl-gym tune pd-gravity.* --class"):
@@ -81,20 +91,15 @@ def test_gains_of_a_class(tmp_path, monkeypatch):
         controllers.make("pd-gravity@tuned", TwoLinkArmEnv("servo-nominal"))
 
 
-TASKS = ("direct-nominal", "geared-nominal")
-
-
-def test_results_follow_the_gains_of_every_class(tmp_path, monkeypatch):
-    monkeypatch.setattr("controllers.name.TUNED", tmp_path)
-    for robot in ("geared", "direct"):
-        (tmp_path / robot).mkdir()
-        (tmp_path / robot / "pd-gravity.json").write_text('{"gains": {"frequency": 3.0}}')
-    first, cells = resolve("pd-gravity@tuned").identity, [Cell("pd-gravity@tuned", task, (0,)).key for task in TASKS]
-    (tmp_path / "geared" / "pd-gravity.json").write_text('{"gains": {"frequency": 5.0}}')
+def test_results_follow_the_gains_of_every_class(tuned):
+    """A cell follows those of its own class."""
+    cells = [Cell("pd-gravity@tuned", task, (0,)) for task in ("direct-nominal", "geared-nominal")]
+    first, keys = resolve("pd-gravity@tuned").identity, [cell.key for cell in cells]
+    tune(tuned, geared=5.0)
     second = resolve("pd-gravity@tuned").identity
     assert {name for name in first if first[name] != second[name]} == {"tuned"}
-    same = [Cell("pd-gravity@tuned", task, (0,)).key == key for task, key in zip(TASKS, cells, strict=True)]
-    assert same == [True, False]  # a cell follows those of its own class
+    again = [Cell("pd-gravity@tuned", cell.scenario, (0,)).key for cell in cells]
+    assert [one == two for one, two in zip(again, keys, strict=True)] == [True, False]
 
 
 LAWS = [name for name in controllers.names() if controllers.kind(name) == "classical"]
@@ -118,23 +123,17 @@ def test_tuned_gains_are_in_the_tuning_range(name):
         assert (np.array(value) <= high).all()
 
 
-def test_a_plain_default_in_a_subclass_keeps_the_declaration():
+def test_a_subclass_keeps_the_declaration_of_a_plain_default_and_replaces_another():
     @dataclass(frozen=True)
     class Faster(PdGravity):
         frequency: float = 20.0
-
-    assert tuning_ranges(Faster) == tuning_ranges(PdGravity)
-    assert Faster(TwoLinkArmEnv().interface).frequency == (20.0, 20.0)
-
-
-def test_a_declaration_in_a_subclass_replaces_that_of_its_parent():
-    @dataclass(frozen=True)
-    class Undamped(PdGravity):
         damping: float = number(0.5, low=0, high=1)
 
-    assert list(tuning_ranges(Undamped)) == ["frequency"]
+    ranges, interface = tuning_ranges(PdGravity), TwoLinkArmEnv().interface
+    assert tuning_ranges(Faster) == {"frequency": ranges["frequency"]}
+    assert Faster(interface).frequency == (20.0, 20.0)
     with pytest.raises(ValueError, match="damping must be a finite number not below 0 and not above 1"):
-        Undamped(TwoLinkArmEnv().interface, damping=2.0)
+        Faster(interface, damping=2.0)
 
 
 @pytest.mark.parametrize("name", LAWS)
