@@ -38,8 +38,8 @@ class LqgElasticScheduled(LqgElastic):
     Args:
         careful: the careful filter's bandwidth, in multiples of `observer`.
         fast: that of the fast one.
-        onset: root of c at which both have equal shares.
-        memory: time constant of the mean square.
+        onset: root of c at which both have equal shares [rad/s^2].
+        memory: time constant of the mean square [s].
     """
 
     careful: float = number(0.75, above=0)
