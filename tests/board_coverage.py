@@ -12,10 +12,14 @@ import numpy as np
 
 from benchmarks.analysis.board import Board
 from benchmarks.analysis.statistics import Estimate
-from benchmarks.cli.common import RUN, add, run_all
-from benchmarks.cli.leaderboard import add_suite, boards_of, suites_of
+from benchmarks.cli.arguments import add_arguments, trust
+from benchmarks.cli.common import run_all
+from benchmarks.cli.leaderboard import boards_of, suites_of
 from benchmarks.run.store import Store
 from fbl_gym.model.arm import Array
+
+
+ARGUMENTS = "--suite --short --policies --policy --scenarios --cell-timeout --cell-memory --workers --trust --store"
 
 
 def coverage(board: Board, seeds: int) -> dict[str, Array]:
@@ -48,9 +52,9 @@ def main(argv: Sequence[str] | None = None) -> None:
     parser = argparse.ArgumentParser(prog="python -m tests.board_coverage", description=__doc__)
     parser.add_argument("number", type=int, metavar="N", help="number of test seeds in all")
     parser.add_argument("--of", type=int, default=32, metavar="N", help="seeds of a small board (32)")
-    add_suite(parser)
-    add(parser, *RUN)
+    add_arguments(parser, {name: {} for name in ARGUMENTS.split()})
     arguments = parser.parse_args(argv)
+    trust(arguments)
     if arguments.number < 2 * arguments.of:
         parser.error(f"N must be at least twice --of {arguments.of}, got {arguments.number}")
     arguments.suite, arguments.seeds = arguments.suite or ["servo"], arguments.number

@@ -387,8 +387,7 @@ def test_suites(tmp_path):
     board = {scenario.name for scenario in load("servo").scenarios}
     assert board == {*scenarios.in_tier("servo", [2]), *scenarios.in_tier("servo-surprise")}
     assert "td3" not in load("servo").policy_names
-    assert "ppo-blend" in load("servo").policy_names
-    assert [name for name in SUITES if "ppo" in load(name).policy_names] == ["servo"]
+    assert {"ppo", "ppo-blend"} <= {*load("servo").policy_names}
     short = load("geared").build(("zero",), short=True)
     assert (len(short.scenarios), short.seeds) == (3, SHORT_SEEDS)
     assert "computed-torque-tde@tuned" in load("servo").policy_names
