@@ -18,7 +18,6 @@ from benchmarks.cli.leaderboard import boards_of, suites_of
 from benchmarks.run.store import Store
 from fbl_gym.model.arm import Array
 
-
 ARGUMENTS = "--suite --short --policies --policy --scenarios --cell-timeout --cell-memory --workers --trust --store"
 
 
