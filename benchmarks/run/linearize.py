@@ -79,8 +79,10 @@ def linearize_all(
     reference = ArrayReference(position=(point,) * 2, velocity=(zero,) * 2, acceleration=(zero,) * 2)
     duration = SETTLING + scenario.control_dt
     calm = _calm(scenario, spec).replace(reference=reference, initial_error=0.0, duration=duration)
-    env = make_env(spec, calm, len(seeds))
-    actor = spec.make(env, **gains)
+    env, told = make_env(spec, calm, len(seeds)), make_env(spec, scenario, 1).interface
+    # A law designs its filter for the sensors that the datasheet states; here they read exactly.
+    stated = {"noise_std": told.noise_std, "resolution": told.resolution}
+    actor = spec.make(dataclasses.replace(env.interface, **stated), **gains)
     observation, state, errors, lost = _run(spec, scenario, point, seeds, gains)
     loops: list[LinearLoop | NotLinear] = []
     with np.errstate(invalid="ignore", divide="ignore"):  # a state may be moved beyond its bounds
