@@ -83,6 +83,9 @@ def linearize_all(
     # A law designs its filter for the sensors that the datasheet states; here they read exactly.
     stated = {"noise_std": told.noise_std, "resolution": told.resolution}
     actor = spec.make(dataclasses.replace(env.interface, **stated), **gains)
+    adapter = getattr(actor, "adapter", None)
+    if adapter is not None and adapter.settings.action == "torque" and adapter.hold > 1:
+        return [NotLinear("the agent holds its torque for several samples")] * len(seeds)
     observation, state, errors, lost = _run(spec, scenario, point, seeds, gains)
     loops: list[LinearLoop | NotLinear] = []
     with np.errstate(invalid="ignore", divide="ignore"):  # a state may be moved beyond its bounds
