@@ -46,11 +46,14 @@ def test_margins_of_pid_on_double_integrators_are_those_of_python_control():
     assert margins.delay == pytest.approx(np.radians(min(phase)) / crossover[np.argmin(phase)], rel=0.02)
 
 
-def speeds(policy, scenario, state=None, change=lambda action, k: action):
-    """Return the largest speed in each quarter of an episode at rest, [4]; infinite if the arm diverges."""
+def speeds(policy, scenario, state=None, change=lambda action, k: action, **stated):
+    """Return the largest speed in each quarter of an episode at rest, [4]; infinite if the arm diverges.
+
+    The policy is told what is `stated` of the sensors.
+    """
     spec = resolve(policy)
     env = make_env(spec, scenario.replace(reference=AT_REST), 1)
-    actor, (observation, _) = spec.make(env), env.reset(seed=[0])
+    actor, (observation, _) = spec.make(dataclasses.replace(env.interface, **stated)), env.reset(seed=[0])
     largest = []
     for k in range(env.scenario.steps - 1):
         action, state = actor.predict(observation, state=state)
@@ -217,8 +220,10 @@ def test_rows_of_the_boards_are_stable_up_to_their_margins(robot, policy):
     def rests(gain, later):
         steps, gains = round((delay + later) / 1e-4), np.where(np.arange(2) == joint, gain, 1.0)
         drive = dataclasses.replace(calm.actuator, delay_samples=0, delay=1e-4 * steps)
+        stated = {name: getattr(truth.interface, name) for name in ("noise_std", "resolution")}
         # The estimates find the arm first.
-        quarters = speeds(spec, calm.replace(actuator=drive), learned, lambda x, k: x * gains if k > 500 else x)
+        changed = calm.replace(actuator=drive)
+        quarters = speeds(spec, changed, learned, lambda x, k: x * gains if k > 500 else x, **stated)
         return quarters[3] < max(1e-8, min(1.0, 0.97 * quarters[2]))  # at its torque limits, a swing may vary
 
     joint = int(np.argmin(margins.gain_upper))
