@@ -1,4 +1,4 @@
-"""What several commands share: runs of cells with their progress, and output."""
+"""Runs of cells with their progress, and the command line, which several commands share."""
 
 import argparse
 import sys

@@ -79,7 +79,7 @@ def tuned(tmp_path, monkeypatch):
 
 @pytest.mark.usefixtures("tuned")
 def test_gains_of_a_class():
-    """Where there are none, the error says how to find some."""
+    """The error of a class without gains says how to find some."""
     env = TwoLinkArmEnv("geared-nominal")
     for tuning, frequency in (("geared", 3.0), ("tuned", 3.0), ("direct", 4.0)):
         assert controllers.make(f"pd-gravity@{tuning}", env).frequency == (frequency, frequency)
