@@ -32,14 +32,10 @@ class TaskProperties:
     """Properties shared by the single and the vector environment.
 
     Attributes:
-        scenario: the task.
         interface: all that a policy may know.
-        layout: the names, slices and units of the observation.
     """
 
-    scenario: Scenario
     interface: Interface
-    layout: Layout
     metadata: dict[str, Any]
     device = "cpu"
     _spec: EnvSpec | None = None
@@ -55,23 +51,32 @@ class TaskProperties:
                 advice = nearest(name, (*ARGUMENTS, *known))
                 raise TypeError(f"{type(self).__name__}.__init__() got an unexpected keyword argument {name!r}{advice}")
         self._reward = Reward() if reward is None else build("reward", reward, Reward)
-        self.scenario, program = configure(scenario, options, reward=self._reward, **task)
+        self._scenario, program = configure(scenario, options, reward=self._reward, **task)
         if render_mode is not None:
             check_choice("render_mode", render_mode, self.metadata["render_modes"])
         self.render_mode = render_mode
         self._info, self._has_context = info, context
         self.render_size = check_whole("render_size", render_size, low=160)
         # A film with one frame per step then runs in real time.
-        self.metadata = {**self.metadata, "render_fps": max(1, round(1.0 / self.scenario.control_dt))}
-        self.interface, self.layout = program.interface, program.interface.layout
-        self._size = self.layout.size
+        self.metadata = {**self.metadata, "render_fps": max(1, round(1.0 / self._scenario.control_dt))}
+        self.interface, self._size = program.interface, program.interface.layout.size
         self._steps = int(program.settings["last_step"])
         self.device = check_choice("device", device, ("cpu", "cuda"))
-        self._batch: Any = make_batch(self.scenario, program, lanes, threads, device)
+        self._batch: Any = make_batch(self._scenario, program, lanes, threads, device)
         self._begun = False
         self._views: list[Any] = []  # of `render.View`
-        self._constrained = self.scenario.constraints is not None
+        self._constrained = self._scenario.constraints is not None
         self._reports = info or self._constrained or render_mode == "human"
+
+    @property
+    def scenario(self) -> Scenario:
+        """Return the task."""
+        return self._scenario
+
+    @property
+    def layout(self) -> Layout:
+        """Return the names, slices and units of the observation."""
+        return self.interface.layout
 
     def _context(self) -> dict[str, Array]:
         """Return the context of each lane for an info, if it is asked for."""

@@ -36,9 +36,9 @@ def open_to_hand(scenario: Scenario, seed: int) -> Scenario:
     rows = np.empty((scenario.steps, 8))
     env.reset(seed=seed)
     for row in rows:
-        row[:6] = env._batch._memory[motion]
+        row[:6] = env._batch.read(motion)
         env.step(np.zeros(2))
-        row[6:] = env._batch._memory[torque]
+        row[6:] = env._batch.read(torque)
     position, velocity, acceleration, disturbance = (rows[:, i : i + 2].tolist() for i in (0, 2, 4, 6))
     end, dt = scenario.duration, scenario.control_dt
     return scenario.replace(
@@ -58,7 +58,7 @@ class Hand:
     def __init__(self, env: TwoLinkArmEnv) -> None:
         self._batch, self._settings = env._batch, env._batch.settings
         self._tables = np.arange(SETTINGS_SIZE, int(self._settings["actions"]))
-        self._first = self._batch._memory[self._tables]
+        self._first = self._batch.read(self._tables)
         self._noise = self._batch.index("noise_std")
         self._motion = self._batch.index("reference_position", "reference_velocity")
 
@@ -69,25 +69,26 @@ class Hand:
 
     def let_go(self) -> None:
         """Give the next episode the scenario's own reference and disturbance again."""
-        self._batch._memory[self._tables] = self._first
+        self._batch.write(self._tables, self._first)
 
     def aim(self, target: Pair) -> None:
         """Let the reference, and its preview, go on to a target [rad] on a smooth way."""
         index = int(self._settings["reference_table"]) + 6 * (self._step + 1)
         count = min(int(self._settings["preview"]) + 1, int(self._settings["reference_points"]) - self._step - 1)
         time = float(self._settings["control_dt"]) * np.arange(1, count + 1)[:, None]
-        position, velocity = self._batch._memory[self._motion].reshape(2, 2)
+        position, velocity = self._batch.read(self._motion).reshape(2, 2)
         gap = position - target
         rate, fade = velocity + BANDWIDTH * gap, np.exp(-BANDWIDTH * time)
         left = (gap + rate * time) * fade
         speed = rate * fade - BANDWIDTH * left
         samples = np.hstack([target + left, speed, -BANDWIDTH * (BANDWIDTH * left + 2.0 * speed)])
-        self._batch._memory[self._tables[index : index + samples.size]] = samples.ravel()
+        self._batch.write(self._tables[index : index + samples.size], samples.ravel())
 
     def push(self, torque: Array) -> None:
         """Add a torque [2] N m to the joints during the next control step."""
         index = int(self._settings["disturbance_table"]) + 2 * self._step
-        self._batch._memory[self._tables[index : index + 2]] = self._first[index : index + 2] - torque
+        own = self._first[index : index + 2]
+        self._batch.write(self._tables[index : index + 2], own - torque)
 
     def load(self, mass: float) -> None:
         """Put a mass at rest [kg] into the gripper."""
@@ -104,11 +105,11 @@ class Hand:
     def make_noise(self, std: Pair) -> None:
         """Add noise to the readings, std of position and velocity [rad, rad/s]."""
         self._settings["noisy"], self._settings["has_noise"][:2] = True, 1
-        numbers = self._batch._memory
-        numbers[self._noise] = np.hypot(numbers[self._noise], np.repeat((*std, 0.0), 2))
+        own = self._batch.read(self._noise)
+        self._batch.write(self._noise, np.hypot(own, np.repeat((*std, 0.0), 2)))
 
     def _happen(self, event: int, *size: float) -> None:
         row = int(self._settings["event_row"]) + EVENT_ROWS * (int(self._settings["events"]) + event)
         now = self._step * int(self._settings["substeps"])
         place = int(self._settings["blocks"]) + LANES * (row + np.arange(1 + len(size)))
-        self._batch._memory[place] = [now, *size]
+        self._batch.write(place, np.array([now, *size]))

@@ -7,7 +7,6 @@ import numpy as np
 from fbl_gym.envs.env_common import configure
 from fbl_gym.kernel.batch import ArmBatch
 from fbl_gym.kernel.memory.layout import VARIED
-from fbl_gym.kernel.step import api
 from fbl_gym.model.arm import Array
 from fbl_gym.options import SENSORS, ArrayReference, Reward
 from fbl_gym.scenarios import Scenario
@@ -70,7 +69,7 @@ class Robot(ArmBatch):
                 preview, [6 x (1 + preview)] rad, rad/s, rad/s^2.
         """
         observation = np.empty((1, self.interface.layout.size))
-        self._memory[self._inputs] = np.concatenate([motion, reference[:6]])
+        self.write(self._inputs, np.concatenate([motion, reference[:6]]))
         self.sense(observation)
         if len(reference) > 6:
             observation[0, self._ahead] = np.clip(reference[6:], *self._bounds)
@@ -78,7 +77,5 @@ class Robot(ArmBatch):
 
     def command(self, action: Array) -> Array:
         """Return the torque [2] N m of a finite action [2], and go on to the next control step."""
-        self._memory[self._actions] = action
-        api.load(self._memory, 0)
-        self._blocks["step"] += np.uint64(1)
-        return self._memory[self._command]
+        self.pass_step(action)
+        return self.read(self._command)

@@ -259,8 +259,22 @@ class ArmBatch:
         POOL.step(self._class, self._memory, out.reshape(-1), False, self.threads)
 
     def index(self, *names: str) -> NDArray[np.int64]:
-        """Return the places of fields of the first lane in the memory."""
+        """Return the places of fields of the first lane, for `read` and `write`."""
         return self._parts["blocks"].start + LANES * np.concatenate([memory.rows(name) for name in names])
+
+    def read(self, index: NDArray[np.int64]) -> Array:
+        """Return the numbers at places that `index` returned."""
+        return self._memory[index]
+
+    def write(self, index: NDArray[np.int64], values: Array) -> None:
+        """Set the numbers at places that `index` returned."""
+        self._memory[index] = values
+
+    def pass_step(self, actions: Array) -> None:
+        """Let a control step pass without motion: only torque commands and clock go on."""
+        self._memory[self._actions] = actions
+        api.load(self._memory, 0)
+        self._blocks["step"] += np.uint64(1)
 
     def step(self, actions: Array, out: Array) -> int:
         """Advance every lane by one control step, unless an action or a lane is refused.

@@ -268,7 +268,7 @@ def _stack(*parts: Any) -> Array:
 def _matrix(*entries: Any) -> Array:
     """Return the matrices [... x 2 x n] of their entries, row by row."""
     stacked = _stack(*entries)
-    return stacked.reshape(*stacked.shape[:-1], 2, -1)
+    return stacked.reshape(*stacked.shape[:-1], 2, len(entries) // 2)
 
 
 def inertia_matrix(arm: ArmParameters | ArrayLike, q: ArrayLike) -> Array:

@@ -14,6 +14,7 @@ import numpy as np
 
 from fbl_gym.model.arm import ArmParameters, stretched_inertia
 from fbl_gym.options import MinimumJerk
+from fbl_gym.records.checks import check_choice
 from fbl_gym.records.record import either, merged
 from fbl_gym.scenarios.classes import CLASSES, RobotClass
 
@@ -192,7 +193,9 @@ def families(robot: str) -> dict[str, str]:
         for family, each in kind.families.items()
     }
     numbers["everything"] = {"apart": " and ".join(kind.apart)}
-    return {family: text.format(**numbers[family]) for family, text in kind.texts.items() if family in numbers}
+    # The order gives each family its turn among arms and motions; a new one goes to the end.
+    order = sorted(numbers, key=[*kind.texts].index)
+    return {family: kind.texts[family].format(**numbers[family]) for family in order}
 
 
 def conditions(arm: ArmParameters, robot: str, family: str = "nominal", severity: int = 0) -> dict[str, Any]:
@@ -206,6 +209,7 @@ def conditions(arm: ArmParameters, robot: str, family: str = "nominal", severity
         severity: 0 to 3.
     """
     kind = CLASSES[robot]
+    check_choice("family", family, ("nominal", *families(robot)))
     scale = Scale(kind, arm, 0.5 if family == "everything" else 1.0)
     usual = {
         "arm": arm,

@@ -70,7 +70,7 @@ def run(options, lanes=4, policy="computed-torque", seconds=3.0, **gains):
 
 
 def distance(one, other, name):
-    return max(np.abs(getattr(a, name) - getattr(b, name)).max() for a, b in zip(one[0], other[0], strict=True))
+    return np.max([np.abs(getattr(a, name) - getattr(b, name)) for a, b in zip(one[0], other[0], strict=True)])
 
 
 def compare(options, tolerances, **arguments):

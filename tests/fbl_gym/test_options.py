@@ -231,4 +231,9 @@ def test_a_distribution_is_within_the_bounds_of_its_number(field):
     for word, bound in field.bounds:
         message = rf"{field.error}.*, a distribution, must be .* {word} {bound:g}\b.*, got -1"
         wrong(field.given({"uniform": [-1, 1]}), message)
+    for bound in field.highest:
+        wrong(
+            field.given({"uniform": [bound, 2 * bound]}),
+            rf"{field.error}.*, a distribution, .* {re.escape(f'{bound:g}')}\b.*, got",
+        )
     wrong(field.given({"choice": [1, math.nan]}), rf"{field.error}.*: choice\[1\] must be a finite number, got nan")

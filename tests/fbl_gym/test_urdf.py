@@ -172,6 +172,8 @@ def test_names_choose_joints_and_tip(file):
             read_robot(f"{path}{names}")
     arm, longer = (read_robot(f"{path}:shoulder,elbow,{tip}").arm for tip in ("tool", "0.5"))
     assert (arm, longer.L2) == (read_robot(file(chain())).arm, 0.5)
+    two = file(chain(extra=BEHIND))
+    assert [read_robot(f"{two}:{tip}").arm for tip in ("tool", "0.5")] == [arm, longer]
     with pytest.raises(ValueError, match=r"payload needs the tip"), pytest.warns(RobotFileWarning):
         Scenario(arm=file(NO_TIP), parameter_error={"payload": 1.0})
 
