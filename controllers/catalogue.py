@@ -16,7 +16,7 @@ LAWS = (
     ("ladrc", "laws.adrc", "linear active disturbance rejection: no model but the diagonal of the inertia (Gao)"),
     ("lqg", "laws.lqg", "optimal regulator with integral action on a Kalman filter"),
     ("lqg-elastic", "laws.lqg_elastic", "LQG on links, springs, drive and disturbance, position alone"),
-    ("lqg-elastic-scheduled", "laws.scheduled_lqg", "a careful and a fast lqg-elastic, mixed by a hand-written rule"),
+    ("lqg-elastic-scheduled", "laws.lqg_elastic", "a careful and a fast lqg-elastic, mixed by a hand-written rule"),
     ("h-infinity", "laws.h_infinity", "H-infinity loop shaping, position alone (McFarlane, Glover)"),
     ("rbf-adaptive", "laws.rbf_adaptive", "neural adaptive control with radial basis functions (Lewis)"),
     ("pid-gravity", "laws.simple", "PID with the nominal gravity torque"),

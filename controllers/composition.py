@@ -47,6 +47,15 @@ class ComposedState(NamedTuple):
     inside: State = ()  # of the law inside
 
 
+class Look(NamedTuple):
+    """All that the law inside depends on at a sample."""
+
+    seen: Array  # its observation [n x its size]
+    estimate: Array  # at this reading, the memory if none is needed [n x 2 x 4]
+    due: Array  # torque at the time when the next command acts [n x 2] N m
+    bend: Array  # of the springs with its rate [n x 2 x 2]
+
+
 class Composed(TorqueLaw):
     """Base of the composed laws, which `compose` makes.
 
@@ -117,12 +126,12 @@ class Composed(TorqueLaw):
     def initial(self, observation: Array) -> State:
         """Return the state: the torque holds the nominal arm still."""
         state = self._outside(observation)
-        return state._replace(inside=self._inside.initial(self._look(observation, state)[0]))
+        return state._replace(inside=self._inside.initial(self._look(observation, state).seen))
 
     def restart(self, observation: Array, state: State) -> State:
         """Return the state for the next episode, with all that the law inside has learned."""
         fresh = self._outside(observation)
-        return fresh._replace(inside=self._inside.restart(self._look(observation, fresh)[0], state.inside))
+        return fresh._replace(inside=self._inside.restart(self._look(observation, fresh).seen, state.inside))
 
     def _outside(self, observation: Array) -> ComposedState:
         """Return the state at an episode's start, without that of the law inside."""
@@ -151,13 +160,8 @@ class Composed(TorqueLaw):
         u = forward_dynamics(self.interface.nominal, estimate[..., 0], estimate[..., 1], acting.mean)
         return torque, ComposedState(acting, self._observer.predict(estimate, u), bend, inside)
 
-    def _look(self, observation: Array, state: ComposedState) -> tuple[Array, Array, Array, Array]:
-        """Return all that the law inside depends on; its own state is not read.
-
-        Its observation [n x its size]; the estimate at this reading [n x 2 x 4], the memory if none
-        is needed; the torque when the next command acts [n x 2] N m; and the bend of the springs
-        with its rate [n x 2 x 2].
-        """
+    def _look(self, observation: Array, state: ComposedState) -> Look:
+        """Return all that the law inside depends on; its own state is not read."""
         estimate, due, bend = state.memory, state.acting.torque, state.bend
         if self._estimates:
             estimate = self._observer.correct(estimate, *self.read(observation, "position"))
@@ -174,7 +178,7 @@ class Composed(TorqueLaw):
         layout = self._inside.interface.layout
         signals = [motion[name] for name in SENSORS if name in layout]
         seen = np.concatenate([*signals, reference.reshape(len(reference), -1)], axis=-1)
-        return clip(seen, *layout.bounds), estimate, due, bend
+        return Look(clip(seen, *layout.bounds), estimate, due, bend)
 
 
 class Filtered:

@@ -73,16 +73,20 @@ for _name, _module, _summary in catalogue.LAWS:
     register(_name, _path, _summary, catalogue.ACCESS.get(_name, "nominal"))
 
 
+def entry_points() -> tuple[metadata.EntryPoint, ...]:
+    """Return the entry points by which installed packages register policies."""
+    return _entry_points(tuple(sys.path))
+
+
 @lru_cache(maxsize=1)
-def entry_points(_path: tuple[str, ...]) -> tuple[metadata.EntryPoint, ...]:
-    """Return the entry points by which packages in folders register policies."""
+def _entry_points(_path: tuple[str, ...]) -> tuple[metadata.EntryPoint, ...]:
     return tuple(metadata.entry_points(group=ENTRY_POINTS))
 
 
 def external() -> dict[str, metadata.EntryPoint]:
     """Return the entry points of policies without another registration, by name, not loaded."""
     # The agents of fbl-gym come last, so that no other package replaces them.
-    points = sorted(entry_points(tuple(sys.path)), key=lambda point: point.module.startswith("benchmarks."))
+    points = sorted(entry_points(), key=lambda point: point.module.startswith("benchmarks."))
     return {point.name: point for point in points if point.name not in _REGISTRY}
 
 

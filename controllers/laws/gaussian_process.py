@@ -14,7 +14,7 @@ from fbl_gym.model.arm import STANDARD_GRAVITY, Array, gravity_torque
 from fbl_gym.records.record import number
 
 COSINES = 40
-"""Random cosines."""
+"""Number of random cosines."""
 
 LENGTHS = np.array([1.0, 1.0, 2.0, 2.0, 5.0, 5.0])
 """Length scales of the kernel: angles [rad], velocities [rad/s], accelerations [rad/s^2]."""

@@ -1,9 +1,9 @@
-"""LQG on the full nominal arm, springs and drives included."""
+"""LQG on the full nominal arm, springs and drives included, and a schedule of its filter."""
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from functools import cached_property
-from typing import ClassVar, NamedTuple
+from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 from scipy.linalg import expm
@@ -226,6 +226,77 @@ class LqgElastic(TorqueLaw):
         signs = 2.0 * dt - latency + np.array([0.0, dt, delay])
         times = np.concatenate([signs, delay - latency + dt * np.arange(5.0)])
         return places(dt, 2 + len(self.interface.layout.reference) // 6, times)
+
+
+class ScheduledState(NamedTuple):
+    """State of `LqgElasticScheduled`."""
+
+    careful: State
+    fast: State
+    apart: Array  # difference of the two torques at the last sample, over the inertia [n x 2] rad/s^2
+    change: Array  # running mean square of its change over a sample [n x 2] rad^2/s^4
+
+
+@dataclass(frozen=True)
+class LqgElasticScheduled(LqgElastic):
+    """A mix of a careful and a fast `LqgElastic`; an oscillation shifts it to the careful one.
+
+        torque = s careful + (1 - s) fast,    s = c^2 / (c^2 + onset^4)
+
+    c is the mean square of the change, over one sample, of the difference between both torques
+    over the inertia, for each joint. The agent `ppo-blend` chooses s by a network; this is a fixed
+    rule in its place. Both laws get the torque that is sent.
+
+    Sensors: position. Source: Rugh and Shamma, "Research on gain scheduling", Automatica 36(10),
+    2000, for the method; the rule itself is this package's.
+
+    Args:
+        careful: bandwidth of the careful law's filter, in multiples of `observer`.
+        fast: that of the fast law's filter, in multiples of `observer`.
+        onset: root of c at which both have equal shares [rad/s^2].
+        memory: time constant of the mean square [s].
+    """
+
+    careful: float = number(0.75, above=0)
+    fast: float = number(1.5, above=0)
+    onset: float = number(12.0, unit="rad/s^2", low=1e-6, high=1e6)
+    memory: float = number(0.3, unit="s", above=0)
+
+    def validate(self) -> None:
+        """Refuse a careful law that is not slower than the fast one."""
+        super().validate()
+        if not self.careful < self.fast:
+            raise ValueError(f"careful must be less than fast={self.fast:g}, got {self.careful:g}")
+
+    @cached_property
+    def both(self) -> tuple[LqgElastic, LqgElastic]:
+        """The careful and the fast law."""
+        gains = {each.name: getattr(self, each.name) for each in fields(LqgElastic)}
+        careful, fast = (LqgElastic(**gains | {"observer": self.observer * each}) for each in (self.careful, self.fast))
+        return careful, fast
+
+    def initial(self, observation: Array) -> State:
+        """Return the state: that of both laws, without an oscillation."""
+        careful, fast = (law.initial(observation) for law in self.both)
+        zero = np.zeros((len(observation), 2))
+        return ScheduledState(careful, fast, zero, zero)
+
+    def decide(self, observation: Array, state: State) -> tuple[Array, Any]:
+        """Return the torque [n x 2] N m, and a draft for `settle`."""
+        (careful, first), (fast, second) = (
+            law.decide(observation, each) for law, each in zip(self.both, state[:2], strict=True)
+        )
+        apart = (careful - fast) / self.stretched
+        weight = min(1.0, self.interface.control_dt / self.memory)
+        change = state.change + weight * ((apart - state.apart) ** 2 - state.change)
+        share = change**2 / (change**2 + self.onset**4)
+        return fast + share * (careful - fast), ScheduledState(first, second, apart, change)
+
+    def settle(self, draft: Any, torque: Array) -> State:
+        """Return the next state where a torque [n x 2] N m is sent."""
+        sent = torque if self.drive.sent is None else self.drive.sent
+        careful, fast = (law.settle(each, sent) for law, each in zip(self.both, draft[:2], strict=True))
+        return draft._replace(careful=careful, fast=fast)
 
 
 def _product(matrix: Array, vector: Array) -> Array:

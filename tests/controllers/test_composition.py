@@ -117,7 +117,7 @@ def test_an_observer_estimates_the_motion(name, wrong_model):
     errors = []
     for observation, state, *_ in loop(law, env, 300):
         state, truth = state or law.initial(observation[None]), env.truth
-        estimate = law._look(observation[None], state)[1][0]
+        estimate = law._look(observation[None], state).estimate[0]
         errors.append(estimate[:, :3].T - [truth.position, truth.velocity, truth.acceleration])
     position, velocity, acceleration = np.abs(errors[50:]).mean(axis=(0, 2))
     largest = {"kalman": 0.05 if wrong_model else 1e-3, "eso": 1e-3}
@@ -188,7 +188,9 @@ def test_an_observer_that_is_told_the_sent_torque_takes_it_for_no_disturbance(na
     assert np.abs(getattr(state, "inside", state).disturbance - disturbance).max() < 0.1
 
 
-@pytest.mark.parametrize("name", ["computed-torque-dob+predictor", "lqg-elastic"])
+@pytest.mark.parametrize(
+    "name", ["computed-torque-dob+predictor", "lqg-elastic", "lqg-elastic-scheduled", "lqg-elastic-scheduled+predictor"]
+)
 def test_a_decision_is_settled_by_the_torque_that_is_sent(name):
     """As by a law that is told it before; and the law's own torque leads to its own next state."""
     env = TwoLinkArmVectorEnv(2, "geared-practice-payload-1")

@@ -110,20 +110,29 @@ def test_a_large_error_is_braked_in_time(encoder):
     assert overshoot[0] < 0.005 < 0.05 < overshoot[1]
 
 
-def test_an_oscillation_takes_the_careful_law():
-    """At a small onset the schedule is the careful law, at a large one the fast one."""
+def test_the_schedule_mixes_two_laws_by_its_equation():
+    """Both are settled by the torque that is sent; the share follows from the change of their difference."""
     law, env = made("none")
-    ends = {
-        1e-9: controllers.make("lqg-elastic", env, observer=0.75 * law.observer),
-        1e9: controllers.make("lqg-elastic", env, observer=1.5 * law.observer),
-    }
-    for onset, alone in ends.items():
-        scheduled = controllers.make("lqg-elastic-scheduled", env, onset=onset)
-        observation, states = env.reset(seed=0)[0], [None, None]
-        for _ in range(50):
-            actions, states = zip(
-                *(x.predict(observation, state) for x, state in zip((scheduled, alone), states, strict=True)),
-                strict=True,
-            )
-            np.testing.assert_allclose(*actions, rtol=1e-6, atol=1e-9)
-            observation = env.step(actions[1])[0]
+    gains = {"onset": 0.17, "memory": 0.02}
+    scheduled = controllers.make("lqg-elastic-scheduled", env, **gains)
+    careful, fast = (controllers.make("lqg-elastic", env, observer=k * law.observer) for k in (0.75, 1.5))
+    observation = env.reset(seed=0)[0][None]
+    state, states = scheduled.initial(observation), [each.initial(observation) for each in (careful, fast)]
+    before, c, shares = np.zeros((1, 2)), np.zeros((1, 2)), []
+    for _ in range(60):
+        (one, first), (two, second) = (
+            each.decide(observation, own) for each, own in zip((careful, fast), states, strict=True)
+        )
+        apart = (one - two) / law.stretched
+        c, before = c + 2e-3 / 0.02 * ((apart - before) ** 2 - c), apart
+        shares.append(c**2 / (c**2 + 0.17**4))
+        torque, state = scheduled.torque(observation, state)
+        np.testing.assert_allclose(torque, shares[-1] * one + (1.0 - shares[-1]) * two, rtol=1e-9)
+        states = [each.settle(own, torque) for each, own in zip((careful, fast), (first, second), strict=True)]
+        observation = env.step(env.interface.action_from_torque(torque, *law.measured_motion(observation))[0])[0][None]
+    assert np.min(shares) < 0.1 < 0.9 < np.max(shares)
+
+
+def test_a_careful_law_is_slower_than_the_fast_one():
+    with pytest.raises(ValueError, match=r"careful must be less than fast=1.5, got 2"):
+        controllers.make("lqg-elastic-scheduled", made("none")[1], careful=2.0)

@@ -55,7 +55,7 @@ def test_the_environment_goes_to_an_oracle_alone(monkeypatch):
 
 def test_an_installed_package_adds_a_policy(monkeypatch):
     point = metadata.EntryPoint("mine", "controllers.laws.simple:PdGravity", registry.ENTRY_POINTS)
-    monkeypatch.setattr(registry, "entry_points", lambda path: (point,))
+    monkeypatch.setattr(registry, "entry_points", lambda: (point,))
     assert "mine" in controllers.names()
     assert controllers.access("mine") == "nominal"
     assert controllers.kind("mine") == "classical"
