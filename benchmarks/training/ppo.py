@@ -18,6 +18,7 @@ from benchmarks.training.progress import Progress
 from benchmarks.training.vec_env import VectorAdapter
 from fbl_gym.envs.side_by_side import SideBySideVectorEnv
 from fbl_gym.model.arm import Array
+from fbl_gym.records.checks import check_number
 
 
 class PPO:
@@ -30,7 +31,8 @@ class PPO:
         n_steps: of each lane in a rollout.
         batch_size: samples of a gradient step.
         n_epochs: passes over a rollout.
-        horizon: time over which the discount of later rewards falls to 1 / e [s], about.
+        horizon: time over which the discount of later rewards falls to 1 / e [s], about; more than
+            that of a decision.
         gae_lambda: lambda of the generalised advantage estimate.
         clip_range: largest change of an action's probability, as a ratio less 1.
         std: standard deviation of the first actions.
@@ -47,9 +49,13 @@ class PPO:
         self._arms = _Arms(envs)
         self._now, self._episode = self._arms.reset(seed), envs[0].unwrapped.scenario.steps  # type: ignore[attr-defined]
         self._rate, self._n_steps, self._batch, self._epochs = learning_rate, n_steps, batch_size, n_epochs
-        if not horizon > envs[0].decision:
-            raise ValueError(f"horizon must be more than {envs[0].decision:g} s, the time of a decision, got {horizon}")
-        self._gamma = round(1.0 - envs[0].decision / horizon, 9)
+        times = np.repeat([env.decision for env in envs], [env.num_envs for env in envs])
+        if not check_number("horizon", horizon, above=0) > times.max():
+            raise ValueError(
+                f"horizon must be more than the time of a decision (--period, or a step), {times.max():g} s, got "
+                f"{horizon:g}: --hyperparameters gives another"
+            )
+        self._gamma = torch.from_numpy(np.round(1.0 - times / horizon, 9)).float()  # of each lane
         self._lambda, self._clip = float(gae_lambda), float(clip_range)
         self._model = _Model(self._arms.observed, self._now.shape[1], std, hidden)
         self._optimizer = torch.optim.Adam(self._model.parameters(), learning_rate, eps=1e-5, fused=True)
@@ -94,7 +100,7 @@ class PPO:
             logs[t] = policy.log_prob(actions[t]).sum(-1)
             self._now, rewards[t], ends[t], cut, last = self._arms.step(actions[t].numpy())
             if cut.any():  # an episode that ends by time alone would have gone on
-                rewards[t, cut] += self._gamma * self._model(last[cut])[1]
+                rewards[t, cut] += self._gamma[cut] * self._model(last[cut])[1]
         ahead, advantage, advantages = self._model(self._now)[1], torch.zeros(shape[1]), torch.empty(shape)
         for t in reversed(range(self._n_steps)):
             runs = self._gamma * (1.0 - ends[t])

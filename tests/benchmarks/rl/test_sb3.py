@@ -16,6 +16,7 @@ from stable_baselines3.common.monitor import Monitor
 from stable_baselines3.common.vec_env import DummyVecEnv, VecFrameStack, VecNormalize
 
 import controllers
+import fbl_gym
 from benchmarks.agents.adapter import AdapterSettings
 from benchmarks.agents.sb3 import ALGORITHMS, find_class, load_zip, statistics
 from benchmarks.policies.loading import Untrusted
@@ -306,6 +307,31 @@ def test_attributes_methods_and_autoreset_follow_sb3():
             change()
     with pytest.raises(ValueError, match="autoreset_mode"):
         ArmVecEnv(TwoLinkArmVectorEnv(2))
+
+
+def test_environments_side_by_side_are_one():
+    """Each has the seeds from the first on."""
+
+    def batch(scenario):
+        duration = 0.05 if scenario == "nominal" else 0.1
+        return fbl_gym.TwoLinkArmTrackingVectorEnv(2, scenario, autoreset_mode="SameStep", duration=duration)
+
+    names = ("nominal", "everything-2")
+    together, parts = ArmVecEnv(*map(batch, names)), [ArmVecEnv(batch(name)) for name in names]
+    for env in (together, *parts):
+        env.seed(1)
+    np.testing.assert_array_equal(together.reset(), np.concatenate([part.reset() for part in parts]))
+    rng, ends = np.random.default_rng(0), np.zeros(4)
+    for _ in range(12):
+        actions = rng.uniform(-1, 1, (4, 2)).astype(np.float32)
+        *signals, infos = together.step(actions)
+        one, two = parts[0].step(actions[:2]), parts[1].step(actions[2:])
+        for signal, *halves in zip(signals, one, two, strict=False):
+            np.testing.assert_array_equal(signal, np.concatenate(halves))
+        for info, half in zip(infos, one[3] + two[3], strict=True):
+            np.testing.assert_equal(info, half)
+        ends += signals[2]
+    assert ends.tolist() == [2, 2, 1, 1]
 
 
 def test_seeds_and_options_hold_for_one_reset():

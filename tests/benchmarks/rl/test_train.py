@@ -118,6 +118,17 @@ def test_the_value_sees_the_real_arm_and_the_agent_does_not():
     np.testing.assert_allclose(x[:, learner._arms.observed + 10], delay, rtol=1e-6)
 
 
+def test_the_discount_is_that_of_the_horizon_in_each_batch():
+    """A time in seconds, so that a batch with shorter steps has a discount nearer to 1."""
+    names, adapter = (
+        ("servo-practice-nominal", "geared-practice-nominal"),
+        AdapterSettings(sensors=("position", "velocity")),
+    )
+    arms = [TwoLinkArmVectorEnv(2, name, autoreset_mode="SameStep", duration=0.03) for name in names]
+    learner = PPO([VectorAdapter(each, adapter) for each in arms], 0, learning_rate=1e-3, horizon=0.1)
+    np.testing.assert_allclose(learner._gamma, [0.9, 0.9, 0.99, 0.99], rtol=1e-6)
+
+
 def test_an_episode_that_time_ends_has_its_last_observation():
     arms = TwoLinkArmVectorEnv(2, "servo-practice-nominal", autoreset_mode="SameStep", duration=0.03)
     lanes = _Arms([VectorAdapter(arms, AdapterSettings(sensors=("position", "velocity")))])
@@ -273,6 +284,13 @@ def test_options_reach_the_agent(short, fbl_gym):
         ("--scenario noise-1", 4, {"n_steps": "x"}, "short.json must have arguments that fit ppo: "),
         ("--scenario noise-1", 4, {"batch_size": "x"}, "short.json must have arguments that fit ppo: "),
         ("--scenario noise-1", 4, {"n_epochs": "a"}, "short.json must have arguments that fit ppo: "),
+        ("--scenario noise-1", 4, {"horizon": True}, "horizon must be a finite number greater than 0, got True"),
+        (
+            "--scenario noise-1 --period 0.2",
+            4,
+            {},
+            "more than the time of a decision (--period, or a step), 0.2 s, got 0.1",
+        ),
         ("--hyperparameters none.json", 4, {}, "none.json must be JSON with an entry 'ppo': JSONDecodeError"),
     ],
 )
