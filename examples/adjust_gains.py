@@ -23,7 +23,7 @@ families = "nominal", "delay-3", "datasheet-3", "everything-1", "noise-3", "payl
 tasks = [scenarios.get(f"{arguments.robot}-practice-{family}") for family in families]
 for policy in arguments.policies:
     rows = margin_metrics(resolve(policy), tasks[0], range(19000, 19016))
-    phase, delay = (min(row[name] for row in rows) for name in ("phase_deg", "delay_samples"))
+    phase, delay = (np.min([row[name] for row in rows]) for name in ("phase_deg", "delay_samples"))
     runs = [counted_errors(measure(rollout(policy, task, range(19900, 19908)))) for task in tasks]
     error = np.exp(np.mean([np.log(each).mean() for each in runs]))
     print(f"{policy}: {phase:.0f} degrees, {delay:.2f} samples, error {error:.3f} %", flush=True)

@@ -29,7 +29,6 @@ def plan(start: Scenario, centre: Pair, amplitude: Pair, speed: float) -> tuple[
         centre: of the motion, where it starts at rest [rad].
         amplitude: largest distance from the centre [rad], within `limits.position` of the scenario.
         speed: largest velocity [rad/s], within `limits.velocity`.
-
     """
     amplitude = check_pair("amplitude", amplitude, above=0, high=start.limits.position)
     speed = check_number("speed", speed, above=0, high=start.limits.velocity)

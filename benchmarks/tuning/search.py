@@ -78,7 +78,8 @@ class Task:
     Attributes:
         policy: the policy.
         scenarios: of the runs; the first one is that of the margins.
-        seeds: of the runs in each scenario; the arms of the margins begin with the first.
+        seeds: of the runs in each scenario; the arms of the margins begin with the first, or are
+            the last ones of the split.
         margins: phase [degrees] and delay [samples] below which the gains pay; 0: they do not.
     """
 
