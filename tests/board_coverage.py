@@ -18,7 +18,7 @@ from benchmarks.cli.leaderboard import boards_of, suites_of
 from benchmarks.run.store import Store
 from fbl_gym.model.arm import Array
 
-ARGUMENTS = "--suite --short --policies --policy --scenarios --cell-timeout --cell-memory --workers --trust --store"
+ARGUMENTS = "--policies --policy --scenarios --cell-timeout --cell-memory --workers --trust --store"
 
 
 def coverage(board: Board, seeds: int) -> dict[str, Array]:
@@ -51,15 +51,15 @@ def main(argv: Sequence[str] | None = None) -> None:
     parser = argparse.ArgumentParser(prog="python -m tests.board_coverage", description=__doc__)
     parser.add_argument("number", type=int, metavar="N", help="number of test seeds in all")
     parser.add_argument("--of", type=int, default=32, metavar="N", help="seeds of a small board (32)")
+    parser.add_argument("--suite", default="servo", metavar="SUITE", help="as for `fbl-gym leaderboard`, one (servo)")
     add_arguments(parser, {name: {} for name in ARGUMENTS.split()})
     arguments = parser.parse_args(argv)
     trust(arguments)
     if arguments.number < 2 * arguments.of:
         parser.error(f"N must be at least twice --of {arguments.of}, got {arguments.number}")
-    arguments.suite, arguments.seeds = arguments.suite or ["servo"], arguments.number
+    arguments.suite, arguments.seeds, arguments.short = [arguments.suite], arguments.number, False
     (suite,) = suites_of(arguments)
-    for _ in run_all(suite.cells, arguments):
-        pass
+    run_all(suite.cells, arguments)
     board = boards_of([suite], Store(arguments.store))[suite.name]
     shares = coverage(board, arguments.of)
     print(f"{arguments.number // arguments.of} boards of {arguments.of} seeds: intervals that hold, in %")

@@ -45,7 +45,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         say(f"fbl-gym: {_reason(problem)}", sys.stderr)
         return 2
     except KeyboardInterrupt:
-        kept = COMMANDS.get(given[0], {}).get("kept")
+        kept = COMMANDS.get(given[0] if given else "", {}).get("kept")
         with contextlib.suppress(OSError):  # the terminal may be closed
             print("fbl-gym: stopped" + (f"; {kept}, and the same command goes on" if kept else ""), file=sys.stderr)
         return 128 + signal.SIGINT

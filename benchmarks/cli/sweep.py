@@ -38,9 +38,13 @@ def over(text: str) -> tuple[str, str, list[Value], bool]:
     path, _, values = text.partition("=")
     factors, values = values.startswith("x"), values.removeprefix("x")
     try:
+        if path in ("", "name", "description"):
+            raise ValueError
         if ":" in values:
             low, high, scale, number = values.split(":")
             ends = float(low), float(high), count(number, 10_000)
+            if scale == "log" and min(ends[:2]) <= 0:
+                raise ValueError
             spaces: dict[str, Callable[..., Array]] = {"log": np.geomspace, "lin": np.linspace}
             points = [*map(_value, spaces[scale](*ends))]
         else:
@@ -111,10 +115,11 @@ def run(arguments: argparse.Namespace) -> int:
     show(meaning, (first, *titles.values()), zip(ticks, *columns.values(), strict=True))
     if arguments.tex is not None:
         groups: list[tuple[str, int]] = []
+        policies = list(dict.fromkeys(key[0] for key in columns))
+        titles = {key: titles[key] for key in sorted(titles, key=lambda key: policies.index(key[0]))}
         if len(names) == 2:  # a grid for each policy: its columns are the values of the second option
-            policies = list(dict.fromkeys(policy for policy, _ in columns))
             groups = [("", 1), *((f"{policy}, {others[0]}", len(columns) // len(policies)) for policy in policies)]
-            titles = {key: key[1] for key in sorted(columns, key=lambda key: policies.index(key[0]))}
+            titles = {key: key[1] for key in titles}
         rows = zip(ticks, *(columns[key] for key in titles), strict=True)
         write_table(arguments.tex, (first, *titles.values()), rows, command_line(), meaning, groups)
         say(f"table: {arguments.tex}")

@@ -319,13 +319,14 @@ def run_parallel(
 @contextlib.contextmanager
 def _starting() -> Iterator[None]:
     """Let a process that starts now import no standard module from the current folder."""
-    before = dict(os.environ)
+    before = os.environ.get("PYTHONSAFEPATH")
     os.environ["PYTHONSAFEPATH"] = "1"
     try:
         yield
     finally:
         del os.environ["PYTHONSAFEPATH"]
-        os.environ.update(before)
+        if before is not None:
+            os.environ["PYTHONSAFEPATH"] = before
 
 
 def _begin() -> None:

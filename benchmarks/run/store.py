@@ -172,7 +172,7 @@ class Store:
             if len(rows) != (0 if error else len(cell.seeds)):
                 raise ValueError(f"it has {len(rows)} rows for {len(cell.seeds)} seeds")
             return Result(cell, rows, _number(document["decision_us"]), error, {**document["provenance"]})
-        except (OtherFormat, FileNotFoundError):
+        except (OtherFormat, FileNotFoundError, MemoryError):
             raise
         except Exception as problem:  # the file may hold anything
             raise Damaged(f"{path} is damaged ({problem})") from None

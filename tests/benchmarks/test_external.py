@@ -209,7 +209,7 @@ def test_the_processes_of_a_call_end_with_it(function, tmp_path):
     else:
         with pytest.raises(Failed, match="it took longer than 2 s"):
             run_isolated(*arguments, limits=CallLimits(seconds=2.0))
-        assert time.monotonic() - begin < 20
+    assert time.monotonic() - begin < 60  # of 600 s that the processes sleep
 
 
 class Opens:
