@@ -53,7 +53,8 @@ def linearize(
     The policy first runs an episode of the scenario that ends at rest there; what it learns, such
     as the dry friction, it knows at the operating point. The arm then goes on without noise,
     disturbance and dry friction, and carries its payload. If it does not come to rest, the
-    operating point is that of the end of the episode.
+    operating point is that of the end of the episode. The law is built for the sensors of the data
+    sheet; its readings are exact.
 
     Raises:
         NotLinear: the policy reads the true state, the drives are too weak, or the law is not

@@ -24,7 +24,10 @@ class View:
         self._last_time = math.inf
 
     def frame(self, truth: Truth, title: str | None = None) -> Frame:
-        """Return the frame of an instant, [size x size x 3], below a title: the scenario's name."""
+        """Return the frame of an instant, [size x size x 3], below a title.
+
+        Without a title, it is the scenario's name.
+        """
         disturbed = self.scenario.disturbance is not None
         return draw(truth, self.scenario.name if title is None else title, self.size, disturbed)
 

@@ -186,8 +186,8 @@ def test_the_window_shows_the_arm_that_moved_last():
     assert render.pygame.display.get_surface() is None
 
 
-@pytest.mark.parametrize(("control_dt", "drawn"), [(0.1, 5), (0.01, 25), (0.001, 25)])
-def test_a_window_draws_at_most_fifty_pictures_a_second(monkeypatch, control_dt, drawn):
+@pytest.mark.parametrize(("control_dt", "pictures"), [(0.1, 5), (0.01, 25), (0.001, 25)])
+def test_a_window_draws_at_most_fifty_pictures_a_second(monkeypatch, control_dt, pictures):
     frames = []
     monkeypatch.setattr(
         render, "draw", lambda _, __, size, *___: frames.append(1) or np.zeros((size, size, 3), np.uint8)
@@ -196,9 +196,9 @@ def test_a_window_draws_at_most_fifty_pictures_a_second(monkeypatch, control_dt,
     env = started(render_mode="human", control_dt=control_dt, physics_dt=0.001)
     for _ in range(round(0.5 / control_dt)):
         env.step(ACTION)
-    assert len(frames) == 1 + drawn
+    assert len(frames) == 1 + pictures
     env.reset()
-    assert len(frames) == 2 + drawn
+    assert len(frames) == 2 + pictures
 
 
 @pytest.mark.parametrize(("control_dt", "fps"), [(0.01, 100), (0.001, 1000), (0.003, 333), (2.0, 1)])
