@@ -59,7 +59,7 @@ from fbl_gym import scenarios
             for x in (
                 *map("friction.coulomb={}".format, ("1:2:log", "0:1:log:3", "-1:1:log:3", "1/2/3", "x1/2", "1/")),
                 "=1,2", "name=1,2", "description=1",
-            )  # fmt: skip
+            )
         ],
         ("sweep zero --over noise.position=0.0010000001,0.0010000002", "values that differ in their first six digits"),
         ("sweep zero --over nois.position=1,2", "unknown field of scenario 'nois'; did you mean 'noise'"),
