@@ -2,6 +2,7 @@
 
 import math
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Any, Self
 
 import numpy as np
@@ -52,7 +53,7 @@ class TrueArm:
         """Columns of a state, without its torque, of the velocity that friction acts on."""
         return slice(-2, None) if self.elastic else slice(2, 4)
 
-    @property
+    @cached_property
     def links(self) -> Array:
         """Lumped parameters of the links, with those rotors that turn with them [n x 7]."""
         return with_rotors(self.truth.lumped, (0.0, 0.0) if self.elastic else self.truth.rotor)
@@ -74,6 +75,8 @@ class TrueArm:
     def spring(self, stretch: Array, rate: Array) -> Array:
         """Return the torque of the springs on the links [n x 2] N m."""
         truth, gap = self.truth, 0.5 * self.truth.backlash
+        if not gap.any():
+            return truth.stiffness * stretch + truth.damping * rate
         force = truth.stiffness * (stretch - np.clip(stretch, -gap, gap))
         force = force + np.where(np.abs(stretch) >= gap, truth.damping * rate, 0.0)
         return np.where((gap > 0.0) & (force * stretch < 0.0), 0.0, force)  # teeth push and never pull
@@ -105,7 +108,7 @@ class TrueArm:
         k2 = self.rates(x + 0.5 * h * k1, half, dry)
         k3 = self.rates(x + 0.5 * h * k2, half, dry)
         k4 = self.rates(x + h * k3, end, dry)
-        return np.hstack([x + h / 6.0 * (k1 + 2.0 * (k2 + k3) + k4), np.where(h > 0.0, end, torque)])
+        return np.concatenate([x + h / 6.0 * (k1 + 2.0 * (k2 + k3) + k4), np.where(h > 0.0, end, torque)], axis=1)
 
     def _held(self, x: Array, h: Array, torque: Array) -> Array:
         """Return the dry friction over a step: it stops a joint if its bound allows."""
@@ -115,17 +118,23 @@ class TrueArm:
             return none
         # The velocity at the end without friction, and how much friction takes away.
         free = v + h * self.rates(x, torque, none)[:, self.side]
+        p11, p12, p21, p22 = (h * self._mobility(x)).T
+        (b1, b2), (free1, free2), d1, d2 = bound.T, free.T, none[:, 0], none[:, 1]
+        for _ in range(3):  # Gauss and Seidel
+            d1 = np.clip(d1 + (free1 - (p11 * d1 + p12 * d2)) / p11, -b1, b1)
+            d2 = np.clip(d2 + (free2 - (p21 * d1 + p22 * d2)) / p22, -b2, b2)
+        return np.stack([d1, d2], axis=1)
+
+    def _mobility(self, x: Array) -> Array:
+        """Return the velocity of the joints' drives for an impulse, row by row [n x 4]."""
         if self.elastic:
-            inertia = self.truth.rotor[..., None] * np.eye(2)
-        else:
-            inertia = inertia_matrix(self.links, x[:, :2]) if self.scenario.link is None else self.chain(x)[0]
-        per_torque = h[..., None] * np.linalg.inv(inertia)[..., :2, :2]
-        dry = none
-        for joint in (0, 1, 0, 1, 0, 1):  # Gauss and Seidel
-            left = free[:, joint] - np.einsum("nj,nj->n", per_torque[:, joint], dry)
-            stop = dry[:, joint] + left / per_torque[:, joint, joint]
-            dry[:, joint] = np.clip(stop, -bound[:, joint], bound[:, joint])
-        return dry
+            return self._rotors
+        inertia = inertia_matrix(self.links, x[:, :2]) if self.scenario.link is None else self.chain(x)[0]
+        return np.linalg.inv(inertia)[..., :2, :2].reshape(-1, 4)
+
+    @cached_property
+    def _rotors(self) -> Array:
+        return np.linalg.inv(self.truth.rotor[..., None] * np.eye(2)).reshape(-1, 4)
 
     def chain(self, x: Array) -> tuple[Array, Array]:
         """Return inertia [n x 4 x 4] and load [n x 4] of joints and hinges of links that bend."""
@@ -149,11 +158,11 @@ class TrueArm:
             motors, load = (w, (load - spring) / truth.rotor), spring
         load = load - truth.disturbance
         if self.scenario.link is None:
-            return np.hstack([v, forward_dynamics(self.links, q, v, load), *motors])
+            return np.concatenate([v, forward_dynamics(self.links, q, v, load), *motors], axis=1)
         inertia, left = self.chain(x)
         left[..., :2] += load
         a: Any = np.linalg.solve(inertia, left[..., None])[..., 0]
-        return np.hstack([v, a[..., :2], x[:, 6:8], a[..., 2:], *motors])
+        return np.concatenate([v, a[..., :2], x[:, 6:8], a[..., 2:], *motors], axis=1)
 
     def linear(self, angles: Array) -> Array:
         """Return the derivative of the rates at rest without load, for angles of the second joint.

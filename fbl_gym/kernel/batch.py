@@ -181,7 +181,8 @@ class ArmBatch:
     @property
     def _blocks(self) -> NDArray[np.void]:
         """The fields of the blocks, records of shape [blocks]."""
-        return self._rows[:, :ROWS].reshape(-1, BLOCK_SIZE).view(BLOCK)[:, 0]
+        rows, start = self._rows, self._parts["blocks"].start
+        return np.ndarray(len(rows), BLOCK, self._memory, rows.itemsize * start, rows.strides[:1])
 
     @property
     def _rows(self) -> Array:
@@ -209,7 +210,10 @@ class ArmBatch:
 
     def field(self, name: str) -> Array:
         """Return a field of the blocks now, [lanes] or [lanes x ...]."""
-        rows = self._blocks[name]
+        return self._of_lanes(self._blocks[name])
+
+    def _of_lanes(self, rows: Array) -> Array:
+        """Return a field of the blocks, [lanes] or [lanes x ...]."""
         rows = rows.transpose(0, rows.ndim - 1, *range(1, rows.ndim - 1))  # [blocks x lanes of a block x ...]
         return rows.reshape(-1, *rows.shape[2:])[: self.lanes].copy()
 
@@ -321,11 +325,11 @@ class ArmBatch:
         """Return the truth at this instant."""
         instants = np.empty(self.lanes, INSTANT)
         api.inspect(self._memory, instants)
-        settings, parameters, rows = self.settings, self.field("parameters"), self._rows
+        settings, parameters, rows, blocks = self.settings, self.field("parameters"), self._rows, self._blocks
         fields = {name: instants[name].copy() for name in INSTANT.names or ()}
         fields |= {"masses": parameters[:, :2], "lengths": parameters[:, 2:]}
         fields["rotor"] = settings["real_rotor"] * self.field("rotor_ratio")
-        fields |= {name: self.field(_RENAMED.get(name, name)) for name in _STORED}
+        fields |= {name: self._of_lanes(blocks[_RENAMED.get(name, name)]) for name in _STORED}
         h = settings["physics_dt"]
         for name, unit in (("delay", h), ("lag", h), ("rate_limit", 1 / h)):  # a block counts physics steps
             fields[name] *= unit

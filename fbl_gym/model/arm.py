@@ -248,8 +248,9 @@ def _lumped(arm: ArmParameters | ArrayLike) -> tuple[Any, ...]:
     """Return the lumped parameters p1 to p5, and the rotor inertias."""
     if isinstance(arm, ArmParameters):
         return arm._numbers
-    p = np.moveaxis(np.asarray(arm, dtype=float), -1, 0)
-    return tuple(p) if len(p) == 7 else (*p, np.zeros(()), np.zeros(()))
+    numbers = np.asarray(arm, dtype=float)
+    p = tuple(numbers[..., i] for i in range(numbers.shape[-1]))
+    return p if len(p) == 7 else (*p, np.zeros(()), np.zeros(()))
 
 
 def _joints(x: ArrayLike) -> tuple[Array, Array]:
