@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fbl_gym.kernel.memory import layout as memory
-from fbl_gym.kernel.memory.layout import BLOCK, BLOCK_SIZE, INSTANT, LANES, ROWS, SETTINGS, SETTINGS_SIZE
+from fbl_gym.kernel.memory.layout import BLOCK, INSTANT, LANES, SETTINGS, SETTINGS_SIZE
 from fbl_gym.kernel.memory.program import Program
 from fbl_gym.kernel.step import api
 from fbl_gym.kernel.step.pool import POOL
