@@ -44,6 +44,12 @@ MOST_NUMBERS = 2_000
 STEPS = (1e-5, 1e-6)
 """Steps of the difference quotients: shares of each quantity, absolute where it is below 1."""
 
+FINER = (0.1, 0.01)
+"""Parts of the steps that are tried at a kink.
+
+A law that mixes two settings is smooth, and bends within some 1e-6 rad.
+"""
+
 
 def linearize(
     policy: PolicySpec | str, scenario: Scenario | str | None = None, at: Pair = POINT, *, seed: int = 0
@@ -274,13 +280,16 @@ def _loop(
     step, point = _law(actor, interface, observation, entries, state)
     m = len(entries)
     slope, kinks = _derivative(step, point)
-    if kinks.any():
+    part = next((x for x in FINER if kinks.any() and not _derivative(step, point, x)[1].any()), 1.0)
+    if part < 1.0:
+        slope, kinks = _derivative(step, point, part)
+    elif kinks.any():
         beside = np.append(np.full(m, error), 2 * max(STEPS) * np.maximum(1.0, np.abs(point[m:])))
         point = point + beside * kinks
         slope, _ = _derivative(step, point, smooth=True)
     if not slope[:2].any():
         raise NotLinear("the torque is constant, perhaps at its limit")
-    if _differ(_derivative(lambda points: step(points, later=1), point, smooth=True)[0], slope).any():
+    if _differ(_derivative(lambda points: step(points, later=1), point, part, smooth=True)[0], slope).any():
         raise NotLinear("the law changes from sample to sample")
     share = 1.0 - np.exp(-2 * np.pi * (encoder.low_pass or np.inf) * scenario.control_dt)
     loop = LinearLoop(
@@ -374,13 +383,14 @@ def _check_motion(loop: LinearLoop, step: Callable[..., Array], point: Array, sl
 
 
 def _derivative(
-    function: Callable[[Array], Array], point: Array, *, smooth: bool = False
+    function: Callable[[Array], Array], point: Array, part: float = 1.0, *, smooth: bool = False
 ) -> tuple[Array, NDArray[np.bool_]]:
     """Return the derivative [k x m] of a function of lanes [n x m] -> [n x k], and its kinks [m].
 
-    The slopes differ on both sides of a kink. With `smooth`, it is refused.
+    The slopes differ on both sides of a kink. With `smooth`, it is refused. The steps are that part
+    of `STEPS`.
     """
-    steps = [step * np.maximum(1.0, np.abs(point)) for step in STEPS]
+    steps = [part * step * np.maximum(1.0, np.abs(point)) for step in STEPS]
     moved = [point + sign * np.diag(step) for step in steps for sign in (1.0, -1.0)]
     values = function(np.concatenate([point[None], *moved]))
     if not np.isfinite(values).all():

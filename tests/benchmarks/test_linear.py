@@ -231,6 +231,16 @@ def test_rows_of_the_boards_are_stable_up_to_their_margins(robot, policy):
     assert [rests(1.0, factor * margins.delay) for factor in (0.9, 1.1)] == [True, False]
 
 
+def test_a_schedule_at_rest_has_the_margins_of_its_fast_law():
+    """It mixes the careful law in within some 1e-6 rad, less than the steps of the other laws' derivatives."""
+    scheduled, fast = (
+        margin_metrics(resolve(policy), get("geared-nominal"), (0, 4))
+        for policy in ("lqg-elastic-scheduled@tuned", "lqg-elastic@tuned@observer=1.5x")
+    )
+    for one, other in zip(scheduled, fast, strict=True):
+        assert one == pytest.approx(other, rel=0.01)
+
+
 def test_a_board_has_the_margins_of_its_nominal_arms():
     """The margins are of its first arms; a short board has none."""
     cells = (("nominal", 16), ("nominal", 8), ("delay-2", 16))
