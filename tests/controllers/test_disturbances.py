@@ -81,7 +81,7 @@ def test_integrators_pause_while_the_torque_saturates(name, monkeypatch):
 
 
 def test_the_integral_of_pid_does_not_wind_up():
-    env = TwoLinkArmEnv(**HANGING, actuator={"torque_limit": (250, 100)}, initial_error=(1.2, 0.0), duration=10.0)
+    env = TwoLinkArmEnv(**HANGING, actuator={"torque_limit": (250, 100)}, initial_error=(2.0, 0.0), duration=10.0)
     errors, _ = tracking(controllers.make("pid-gravity", env), env, 1000)
     assert np.abs(errors[-1]).max() < 1e-2
 
