@@ -86,6 +86,14 @@ def tau(board: Board, rows: Sequence[int], names: Sequence[str], logs: Array) ->
     }  # fmt: skip
 
 
+def whole(text: str) -> int:
+    """Return a whole number, perhaps with hexadecimal digits after 0x."""
+    with contextlib.suppress(ValueError):
+        if (number := int(text, 0)) >= 0:
+            return number
+    raise argparse.ArgumentTypeError(f"must be a whole number, 0 or more, got {text!r}")
+
+
 def main(argv: Sequence[str] | None = None) -> None:
     """Run the sealed test of the board in the store, and print it."""
     parser = argparse.ArgumentParser(prog="python -m benchmarks.studies.sealed", description=__doc__)
@@ -94,10 +102,8 @@ def main(argv: Sequence[str] | None = None) -> None:
     parser.add_argument("--seeds", type=int, metavar="N", help="test seeds of the board (the suite's)")
     parser.add_argument("--workers", type=int, default=os.cpu_count() or 1, metavar="N", help="processes")
     parser.add_argument("--store", type=Path, default=Path("results/board"), metavar="DIR", help="folder of results")
-    parser.add_argument("--number", type=int, metavar="N", help="whole number to draw from (the board's version)")
+    parser.add_argument("--number", type=whole, metavar="N", help="whole number to draw from (the board's version)")
     arguments = parser.parse_args(argv)
-    if arguments.number is not None and arguments.number < 0:
-        parser.error(f"argument --number: must be 0 or more, got {arguments.number}")
     store = Store(arguments.store)
     cells = load(arguments.suite).build(arguments.policies, (), arguments.seeds).cells
     try:

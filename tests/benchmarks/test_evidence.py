@@ -63,7 +63,8 @@ def test_the_sealed_test_is_drawn_from_a_number():
 
 
 @pytest.mark.parametrize(
-    ("number", "message"), [("-1", "must be 0 or more, got -1"), ("1", "no result yet.*computes the board")]
+    ("number", "message"),
+    [("-1", "a whole number, 0 or more, got .-1"), ("0x1g", "got .0x1g"), ("0x1", "no result yet.*computes the board")],
 )
 def test_a_draw_that_cannot_be_made_is_refused(number, message, tmp_path, capsys):
     with pytest.raises(SystemExit):
