@@ -96,7 +96,8 @@ def replace_between(text: str, table: str) -> str:
 def board_page(boards: Mapping[str, Board]) -> str:
     """Return a page of the documentation with every row of some boards, by name."""
     parts = [
-        "# All rows of the boards\n\nWhat [the columns](../reference/columns.md) mean. `fbl-gym report` writes all of them.\n\n"
+        "# All rows of the boards\n\n[The leaderboard](../reference/columns.md) explains the columns. `fbl-gym report` writes "
+        "all of them.\n\n"
         "![Errors of the first policies of each board as dots, with their 95 % intervals](../pictures/errors.svg)\n"
     ]
     if len(boards) > 1:
