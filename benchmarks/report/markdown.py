@@ -97,19 +97,19 @@ def board_page(boards: Mapping[str, Board]) -> str:
     """Return a page of the documentation with every row of some boards, by name."""
     parts = [
         "# All rows of the boards\n\n[The leaderboard](../reference/columns.md) explains the columns. `fbl-gym report` writes "
-        "a page with all of them.\n\n"
+        "all of them.\n\n"
         "![Errors of the first policies of each board as dots, with their 95 % intervals](../pictures/errors.svg)\n"
     ]
     if len(boards) > 1:
-        parts.append(f"## Over all\n\nRank, error and any lost runs on each board.\n\n{over_boards(boards)}")
+        parts.append(f"## Over all\n\nRank, error and lost runs.\n\n{over_boards(boards)}")
     for name, board in boards.items():
         header, rows = leaders(board)
         about = f" Robots: {CLASSES[name].text}." if name in CLASSES else ""
         parts.append(
             f"## {plain(name)}\n\n`fbl-gym leaderboard --suite {name}`: {len(board.scenarios)} scenarios, "
-            f"{len(board.seeds)} seeds each.{about} The board is {board.version}, a hash of its policies, scenarios, "
-            f"seeds and code.\n\n"
-            f"Which policy leads in each family:\n\n{table(header, [[*map(plain, row)] for row in rows])}\n"
+            f"{len(board.seeds)} seeds each.{about} Board {board.version}: a hash of policies, scenarios, seeds "
+            f"and code.\n\n"
+            f"The leader of each family:\n\n{table(header, [[*map(plain, row)] for row in rows])}\n"
             f"{leaderboard(board, short=True)}"
         )
     return "\n".join(parts)
