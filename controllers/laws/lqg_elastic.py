@@ -257,8 +257,8 @@ class LqgElasticScheduled(LqgElastic):
         memory: time constant of the mean square [s].
     """
 
-    careful: float = number(0.75, above=0)
-    fast: float = number(1.5, above=0)
+    careful: float = number(0.5, above=0)
+    fast: float = number(1.3, above=0)
     onset: float = number(12.0, unit="rad/s^2", low=1e-6, high=1e6)
     memory: float = number(0.3, unit="s", above=0)
 

@@ -1,4 +1,4 @@
-"""Friction in the joints; `kernel/friction.py` has its equation."""
+"""Friction in the joints; `kernel/arm/friction.py` has its equation."""
 
 from typing import Any, ClassVar, Literal
 
