@@ -130,11 +130,11 @@ class TrueArm:
         if self.elastic:
             return self._rotors
         inertia = inertia_matrix(self.links, x[:, :2]) if self.scenario.link is None else self.chain(x)[0]
-        return np.linalg.inv(inertia)[..., :2, :2].reshape(-1, 4)
+        return np.linalg.inv(inertia)[..., :2, :2].reshape(-1, 4)  # type: ignore[return-value]
 
     @cached_property
     def _rotors(self) -> Array:
-        return np.linalg.inv(self.truth.rotor[..., None] * np.eye(2)).reshape(-1, 4)
+        return np.linalg.inv(self.truth.rotor[..., None] * np.eye(2)).reshape(-1, 4)  # type: ignore[return-value]
 
     def chain(self, x: Array) -> tuple[Array, Array]:
         """Return inertia [n x 4 x 4] and load [n x 4] of joints and hinges of links that bend."""
