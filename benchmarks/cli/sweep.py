@@ -39,12 +39,12 @@ def over(text: str) -> tuple[str, str, list[Value], bool]:
     factors, values = values.startswith("x"), values.removeprefix("x")
     try:
         if path in ("", "name", "description"):
-            raise ValueError
+            raise argparse.ArgumentTypeError(f"must name an option, as `fbl-gym list options` does, got {text!r}")
         if ":" in values:
             low, high, scale, number = values.split(":")
             ends = float(low), float(high), count(number, 10_000)
             if scale == "log" and min(ends[:2]) <= 0:
-                raise ValueError
+                raise argparse.ArgumentTypeError(f"must have ends above 0 for log, got {text!r}")
             spaces: dict[str, Callable[..., Array]] = {"log": np.geomspace, "lin": np.linspace}
             points = [*map(_value, spaces[scale](*ends))]
         else:

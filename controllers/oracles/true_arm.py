@@ -126,7 +126,7 @@ class TrueArm:
         return np.stack([d1, d2], axis=1)
 
     def _mobility(self, x: Array) -> Array:
-        """Return the velocity of the joints' drives for an impulse, row by row [n x 4]."""
+        """Return the inverse inertia at the drives, row by row [n x 4] 1 / (kg m^2)."""
         if self.elastic:
             return self._rotors
         inertia = inertia_matrix(self.links, x[:, :2]) if self.scenario.link is None else self.chain(x)[0]

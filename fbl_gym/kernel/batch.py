@@ -275,8 +275,12 @@ class ArmBatch:
         self._memory[index] = values
 
     def pass_step(self, actions: Array) -> None:
-        """Let a control step pass without motion: only torque commands and clock go on."""
-        self._memory[self._actions] = actions
+        """Let a control step pass without motion: only torque commands and clock go on.
+
+        Args:
+            actions: [lanes x 2], finite; they are not checked.
+        """
+        self._memory[self._actions] = actions.reshape(-1)
         api.load(self._memory, 0)
         self._blocks["step"] += np.uint64(1)
 

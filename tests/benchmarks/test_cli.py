@@ -56,11 +56,10 @@ from fbl_gym import scenarios
         ("tune pid-flm --scenarios servo-noise-2", "its motion is the board's"),
         *[
             (f"sweep zero --over {x}", "must be such as noise.position=1e-4:1e-2:log:9")
-            for x in (
-                *map("friction.coulomb={}".format, ("1:2:log", "0:1:log:3", "-1:1:log:3", "1/2/3", "x1/2", "1/")),
-                "=1,2", "name=1,2", "description=1",
-            )
+            for x in map("friction.coulomb={}".format, ("1:2:log", "1/2/3", "x1/2", "1/"))
         ],
+        *[(f"sweep zero --over {x}", "must name an option") for x in ("=1,2", "name=1,2", "description=1")],
+        *[(f"sweep zero --over arm.m1={x}:1:log:3", "must have ends above 0 for log") for x in (0, -1)],
         ("sweep zero --over noise.position=0.0010000001,0.0010000002", "values that differ in their first six digits"),
         ("sweep zero --over nois.position=1,2", "unknown field of scenario 'nois'; did you mean 'noise'"),
         ("sweep zero --over arm.m1=1 --over arm.m1=2", "must name options that are no part of each other, got arm.m1"),

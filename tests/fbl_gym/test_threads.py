@@ -104,11 +104,13 @@ def test_copies_forks_and_python_threads_step_alike():
 
 
 LOOP = """
+import signal
 import numpy as np
 import fbl_gym
 env = fbl_gym.TwoLinkArmVectorEnv(2048, threads=3)
 env.reset(seed=0)
 env.step(np.zeros((2048, 2)))
+signal.signal(signal.SIGINT, signal.default_int_handler)  # which a job in the background ignores
 print("stepped", flush=True)
 while {loops}:
     env.step(np.zeros((2048, 2)))
