@@ -240,7 +240,9 @@ def folder(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     monkeypatch.syspath_prepend(tmp_path)
     rest = {"learning_starts": 20, "buffer_size": 300}
-    each = dict.fromkeys(("sac", "td3", "tqc", "crossq"), rest) | {"ppo": {"n_steps": 10, "batch_size": 40, "horizon": 0.5}}
+    each = dict.fromkeys(("sac", "td3", "tqc", "crossq"), rest) | {
+        "ppo": {"n_steps": 10, "batch_size": 40, "horizon": 0.5}
+    }
     short = {name: {"lanes": 4, "steps": 40, "arguments": {"learning_rate": 1e-3} | each[name]} for name in each}
     Path("short.json").write_text(json.dumps(short))
     yield tmp_path
