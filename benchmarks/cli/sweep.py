@@ -39,7 +39,7 @@ def over(text: str) -> tuple[str, str, list[Value], bool]:
     factors, values = values.startswith("x"), values.removeprefix("x")
     try:
         if path in ("", "name", "description"):
-            raise argparse.ArgumentTypeError(f"must name an option, as `fbl-gym list options` does, got {text!r}")
+            raise argparse.ArgumentTypeError(f"must name an option that `fbl-gym list options` prints, got {text!r}")
         if ":" in values:
             low, high, scale, number = values.split(":")
             ends = float(low), float(high), count(number, 10_000)
