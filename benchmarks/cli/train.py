@@ -29,8 +29,8 @@ def run(arguments: argparse.Namespace) -> int:
     adapter = AdapterSettings(arguments.interface, **{"sensors": present, **given})
     path, length = arguments.hyperparameters, (arguments.steps, arguments.minutes)
     hyperparameters = _hyperparameters(path, arguments.algorithm) if path else {}
-    moves, seed = arguments.moves, arguments.seed
-    settings = TrainingSettings(arguments.algorithm, adapter, tasks, moves, seed, *length, hyperparameters)
+    kinds = arguments.moves, arguments.arms, arguments.seed
+    settings = TrainingSettings(arguments.algorithm, adapter, tasks, *kinds, *length, hyperparameters)
     import torch  # the extra `rl`
 
     from benchmarks.training.train import train

@@ -1,5 +1,7 @@
 """The settings of a training run, as plain data; imports neither torch nor stable-baselines3."""
 
+import contextlib
+import dataclasses
 import itertools
 import json
 from collections.abc import Mapping
@@ -7,10 +9,13 @@ from dataclasses import MISSING, dataclass, field
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from benchmarks.agents import sb3
 from benchmarks.agents.adapter import AdapterSettings, check_flag
 from benchmarks.seeds import SPLITS
 from fbl_gym import scenarios
+from fbl_gym.model.arm import stretched_inertia
 from fbl_gym.options import FilteredSteps, FourierReference, Reward
 from fbl_gym.records.checks import check_number, check_whole
 from fbl_gym.records.record import Record, build, choice, declared, number, set_fields, whole
@@ -23,6 +28,10 @@ MOTIONS = (FourierReference(amplitude=(0.8, 1.0), frequency=0.1, harmonics=3), F
 
 # Starts with these motions, so far off that the agent learns to come back.
 START = {"initial_error": {"uniform": (-0.2, 0.2)}, "initial_velocity": {"uniform": (-1.0, 1.0)}}
+
+# Ends of the factors by which drawn arms differ from a scenario's: of both links' mass, length and
+# rotor, and of both torque limits.
+FACTORS = np.repeat([(1 / 3, 3.0), (0.6, 1.6), (0.3, 1.5), (0.8, 3.5)], 2, axis=0)
 
 SEEDS_PER_RUN = 1000  # episode seeds that each training seed has, one for each lane of a scenario
 LEAST_LANES = 16  # fewest lanes of each of several scenarios: with fewer, Python's share of the time grows
@@ -38,6 +47,8 @@ class TrainingSettings(Record):
         scenarios: for training, side by side, and for validation with other seeds.
         moves: True if the agent trains on the scenarios, in turn, with their own motion and with
             those of `MOTIONS`.
+        arms: number of drawn arms, with drives of other strength, on which the agent trains in
+            each scenario beside its own arm; only in those of a tier.
         seed: of the training.
         steps: of all lanes together; None: those of the hyperparameters, if `minutes` is None too.
         minutes: processor time of the training, without validations; such a run does not repeat
@@ -50,6 +61,7 @@ class TrainingSettings(Record):
     adapter: AdapterSettings = field(default_factory=AdapterSettings)
     scenarios: tuple[Scenario, ...] = field(default_factory=lambda: (scenarios.get("everything-2"),))
     moves: bool = declared(False, check_flag, "True or False")
+    arms: int = whole(0)
     seed: int = whole(0)
     steps: int | None = whole(None, low=1)
     minutes: float | None = number(None, unit="min", above=0)
@@ -65,23 +77,49 @@ class TrainingSettings(Record):
         for scenario in self.scenarios:
             if reason := scenarios.held_out_reason(scenario):
                 raise ValueError(f"scenario must be one to train on, such as practice, got {scenario.name}: {reason}")
+            if self.arms and (scenarios.member(scenario.name) is None or scenario != scenarios.get(scenario.name)):
+                raise ValueError(f"arms must be 0 for a scenario that is of no tier, got {self.arms}: {scenario.name}")
         check_hyperparameters(self.hyperparameters, most)
         if self.minutes is None and self.steps is None:
             set_fields(self, steps=self.hyperparameters["steps"])
 
     @property
     def practice(self) -> list[Scenario]:
-        """Return the scenarios with the motions to train on."""
+        """Return the scenarios with the arms and motions to train on."""
+        random = np.random.default_rng(self.seed)
+        tasks = [*self.scenarios, *(_on_drawn_arm(task, random) for _ in range(self.arms) for task in self.scenarios)]
         if not self.moves:
-            return [*self.scenarios]
-        pairs = zip(self.scenarios, itertools.cycle((None, *MOTIONS)), strict=False)
+            return tasks
+        pairs = zip(tasks, itertools.cycle((None, *MOTIONS)), strict=False)
         return [task.replace(reference=motion or task.reference, **START) for task, motion in pairs]
 
     @property
     def lanes(self) -> int:
-        """Return the number of lanes of each scenario; of many scenarios each has `LEAST_LANES`."""
+        """Return the number of lanes of each arm in each scenario, `LEAST_LANES` of many."""
         lanes = self.hyperparameters["lanes"]
-        return max(lanes // len(self.scenarios), min(lanes, LEAST_LANES))
+        return max(lanes // (len(self.scenarios) * (1 + self.arms)), min(lanes, LEAST_LANES))
+
+
+def _on_drawn_arm(task: Scenario, random: np.random.Generator) -> Scenario:
+    """Return a scenario of a tier with another arm and other torque limits.
+
+    An arm is drawn again if its springs are too fast for the physics step.
+    """
+    arm = task.arm
+    for _ in range(100):
+        mass, length, rotor, strength = np.exp(random.uniform(*np.log(FACTORS.T))).reshape(4, 2)
+        links = dataclasses.replace(
+            arm, m1=arm.m1 * mass[0], m2=arm.m2 * mass[1], L1=arm.L1 * length[0], L2=arm.L2 * length[1]
+        )
+        rotor = rotor * arm.rotor * stretched_inertia(links) / stretched_inertia(arm)
+        drawn = dataclasses.asdict(dataclasses.replace(links, rotor=tuple(rotor)))
+        with contextlib.suppress(ValueError):
+            other = scenarios.as_scenario({"base": task.name, "arm": drawn})
+            if (limit := other.actuator.torque_limit) is None:
+                return other
+            drive = dataclasses.replace(other.actuator, torque_limit=tuple(strength * np.array(limit)))
+            return other.replace(actuator=drive)
+    raise ValueError(f"scenario must be one whose arm can be another one, got {task.name}")
 
 
 def training_seeds(seed: int) -> range:

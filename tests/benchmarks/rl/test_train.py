@@ -2,6 +2,7 @@
 
 import copy
 import csv
+import dataclasses
 import json
 import pickle
 from pathlib import Path
@@ -99,6 +100,27 @@ def test_a_run_trains_on_the_motions_of_its_scenarios_and_on_others_that_no_boar
     assert [task.reference for task in practice[:3]] == [tasks[0].reference, *motions]
     assert {task.reference for task in practice} == {*(task.reference for task in tasks), *motions}
     assert not any(map(scenarios.held_out_reason, practice))
+
+
+def test_a_run_trains_on_drawn_arms_too():
+    tasks = tuple(map(scenarios.get, scenarios.in_tier("geared-practice", (3,))))
+    drawn = TrainingSettings("ppo", scenarios=tasks, arms=2)
+    assert drawn.lanes == drawn.hyperparameters["lanes"] // (3 * len(tasks))
+    assert drawn.practice[: len(tasks)] == [*tasks]
+    others = drawn.practice[len(tasks) :]
+    assert len({other.arm for other in others} - {task.arm for task in tasks}) == len(others) == 2 * len(tasks)
+    assert others == TrainingSettings("ppo", scenarios=tasks, arms=2).practice[len(tasks) :]
+    assert others != TrainingSettings("ppo", scenarios=tasks, arms=2, seed=1).practice[len(tasks) :]
+    assert not any(map(scenarios.held_out_reason, others))
+    for task, other in zip(tasks + tasks, others, strict=True):
+        usual = scenarios.as_scenario({"base": task.name, "arm": dataclasses.asdict(other.arm)})
+        ratio = np.divide(other.actuator.torque_limit, usual.actuator.torque_limit)
+        assert np.all((ratio >= 0.8) & (ratio <= 3.5))
+        drive = dataclasses.replace(other.actuator, torque_limit=usual.actuator.torque_limit)
+        assert other.replace(actuator=drive) == usual
+    short = tasks[0].replace(duration=0.2)
+    with pytest.raises(ValueError, match="arms must be 0 for a scenario that is of no tier, got 1: geared-practice"):
+        TrainingSettings("ppo", scenarios=(*tasks, short), arms=1)
 
 
 def test_the_value_sees_the_real_arm_and_the_agent_does_not():
