@@ -191,7 +191,6 @@ SHORT = {
     "benchmarks.speed": "--rounds 1",
     "benchmarks.studies.sealed": "--seeds 1 --policies zero cascade-flm oracle-flm --workers 1",
     "tests.board_coverage": "--of 1 --scenarios servo-nominal --workers 1",
-    "tests.drawn_arms": "--trials 0 --seeds 2 --laws pd-gravity --policies pd-gravity --workers 1",
 }  # fmt: skip
 """Arguments that make a command short, without policies and scenarios where it names its own."""
 
