@@ -34,15 +34,16 @@ def training(folder: Path) -> tuple[str, int]:
 
 
 def members(
-    policies: Iterable[PolicySpec | PolicyName | str], limits: CallLimits | None = None
+    policies: Iterable[PolicySpec | PolicyName | str], limits: CallLimits | None = None, *, short: bool = False
 ) -> tuple[PolicySpec, ...]:
     """Return the members of a board's policies, each with its rows.
 
     The members of a shipped agent are its training seeds, first that with the smallest validation
-    error. Folders of `fbl-gym train` whose settings differ in the seed alone are members of one
-    row, with the name of the first folder without the seed at its end; a second folder of the same
-    settings and seed is a row of its own. Any other policy is its only member. NAME and NAME@0 are
-    two rows, both of which have the member NAME@0. `limits` are those of loading a policy.
+    error, which alone is a member if the board is `short`. Folders of `fbl-gym train` whose
+    settings differ in the seed alone are members of one row, with the name of the first folder
+    without the seed at its end; a second folder of the same settings and seed is a row of its own.
+    Any other policy is its only member. NAME and NAME@0 are two rows, both of which have the member
+    NAME@0. `limits` are those of loading a policy.
     """
     rows: dict[str, tuple[PolicySpec, ...]] = {}
     runs: dict[str, dict[int, PolicySpec]] = {}
@@ -50,7 +51,7 @@ def members(
     for spec in given:
         if spec.name in shipped():
             best = best_seed(spec.name)
-            seeds = (best, *(seed for seed in shipped()[spec.name] if seed != best))
+            seeds = (best, *(seed for seed in shipped()[spec.name] if seed != best and not short))
             rows[spec.name] = tuple(resolve(dataclasses.replace(spec.parsed, seed=seed)) for seed in seeds)
             continue
         if spec.parsed.form == "folder" and Path(spec.name, "run.json").is_file():

@@ -110,13 +110,13 @@ class SuiteSpec:
             policies: instead of the suite's; empty: these.
             tasks: scenarios and families instead of the suite's; empty: these.
             seeds: of every scenario, instead of the suite's.
-            short: a few of the suite's scenarios, with 8 seeds.
+            short: a few of the suite's scenarios, with 8 seeds, and each agent's best seed.
             more: policies to add.
             limits: of loading an external policy.
         """
         chosen = expand(tasks or (self.short if short else ())) or self.scenarios
         seeds = SHORT_SEEDS if short and seeds is None else seeds
-        specs = members((*(policies or self.policy_names), *more), limits)
+        specs = members((*(policies or self.policy_names), *more), limits, short=short)
         return Suite(self.name, specs, chosen, self.seeds if seeds is None else seeds)
 
 
