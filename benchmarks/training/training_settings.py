@@ -18,20 +18,26 @@ from fbl_gym import scenarios
 from fbl_gym.model.arm import stretched_inertia
 from fbl_gym.options import FilteredSteps, FourierReference, Reward
 from fbl_gym.records.checks import check_number, check_whole
-from fbl_gym.records.record import Record, build, choice, declared, number, set_fields, whole
+from fbl_gym.records.record import Distribution, Record, build, choice, declared, number, set_fields, whole
 from fbl_gym.scenarios import Scenario
+from fbl_gym.scenarios.class_families import BOX
 
 ALGORITHMS = ("ppo", *sb3.ALGORITHMS)
 
-# Motions to train on beside those of the scenarios: a slow one, and moves with rests.
-MOTIONS = (FourierReference(amplitude=(0.8, 1.0), frequency=0.1, harmonics=3), FilteredSteps(period=1.7, bandwidth=4.0))
+# Motions to train on beside those of the scenarios: a slow one, and moves with rests, in a part and
+# in the whole of the boards' box.
+MOTIONS = (
+    FourierReference(amplitude=(0.8, 1.0), frequency=0.1, harmonics=3),
+    FilteredSteps(period=1.7, bandwidth=4.0),
+    FilteredSteps(*BOX, period=1.7, bandwidth=Distribution(uniform=(3.0, 5.5))),
+)
 
 # Starts with these motions, so far off that the agent learns to come back.
 START = {"initial_error": {"uniform": (-0.2, 0.2)}, "initial_velocity": {"uniform": (-1.0, 1.0)}}
 
 # Ends of the factors by which drawn arms differ from a scenario's: of both links' mass, length and
 # rotor, and of both torque limits.
-FACTORS = np.repeat([(1 / 3, 3.0), (0.6, 1.6), (0.3, 1.5), (0.8, 3.5)], 2, axis=0)
+FACTORS = np.repeat([(1 / 3, 3.0), (0.6, 1.6), (0.3, 1.5), (0.8, 2.0)], 2, axis=0)
 
 SEEDS_PER_RUN = 1000  # episode seeds that each training seed has, one for each lane of a scenario
 LEAST_LANES = 16  # fewest lanes of each of several scenarios: with fewer, Python's share of the time grows

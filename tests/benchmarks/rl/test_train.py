@@ -97,8 +97,8 @@ def test_a_run_trains_on_the_motions_of_its_scenarios_and_on_others_that_no_boar
     tasks = tuple(map(scenarios.get, scenarios.in_tier("servo-practice", (1, 3))))
     assert TrainingSettings("ppo", scenarios=tasks).practice == [*tasks]
     practice, motions = TrainingSettings("ppo", scenarios=tasks, moves=True).practice, training_settings.MOTIONS
-    assert [task.reference for task in practice[:3]] == [tasks[0].reference, *motions]
-    assert {task.reference for task in practice} == {*(task.reference for task in tasks), *motions}
+    assert [task.reference for task in practice[:4]] == [tasks[0].reference, *motions]
+    assert {task.reference for task in practice} <= {*(task.reference for task in tasks), *motions}
     assert not any(map(scenarios.held_out_reason, practice))
 
 
@@ -115,7 +115,7 @@ def test_a_run_trains_on_drawn_arms_too():
     for task, other in zip(tasks + tasks, others, strict=True):
         usual = scenarios.as_scenario({"base": task.name, "arm": dataclasses.asdict(other.arm)})
         ratio = np.divide(other.actuator.torque_limit, usual.actuator.torque_limit)
-        assert np.all((ratio >= 0.8) & (ratio <= 3.5))
+        assert np.all((ratio >= 0.8) & (ratio <= 2.0))
         drive = dataclasses.replace(other.actuator, torque_limit=usual.actuator.torque_limit)
         assert other.replace(actuator=drive) == usual
     short = tasks[0].replace(duration=0.2)
