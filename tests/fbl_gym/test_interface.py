@@ -6,10 +6,8 @@ import math
 import numpy as np
 import pytest
 
-from benchmarks.cli.show import options
-from benchmarks.run.expansion import with_option
 from controllers import make
-from fbl_gym import Scenario, TwoLinkArmEnv, TwoLinkArmVectorEnv, scenarios
+from fbl_gym import TwoLinkArmEnv, TwoLinkArmVectorEnv
 from tests.controllers.closed_loop import tracking
 
 IDEAL = TwoLinkArmEnv().interface
@@ -107,12 +105,3 @@ def errors(told, law):
 def test_a_predictor_trusts_the_datasheet_and_an_oracle_does_not():
     assert errors({"delay": 0.01}, "computed-torque+predictor") > 1.5 * errors(None, "computed-torque+predictor")
     assert errors({"delay": 0.0}, "oracle-flm") == errors(None, "oracle-flm")
-
-
-def test_a_file_a_sweep_and_show_have_it(tmp_path):
-    (tmp_path / "told.toml").write_text('base = "servo-delay-2"\n[datasheet]\ndelay = 0.001\n')
-    task = scenarios.get(str(tmp_path / "told.toml"))
-    assert task.actuator == scenarios.get("servo-delay-2").actuator
-    assert ("datasheet.delay [s]", "0.001") in list(options(task))
-    assert with_option(task, "datasheet.delay", 0.002).datasheet.delay == 0.002
-    assert with_option(Scenario(), "datasheet.lag", 0.002).datasheet.lag == 0.002

@@ -1,5 +1,7 @@
 """Errors of options that contradict each other, are too large or have a wrong name; those of single fields: test_options.py."""
 
+import re
+
 import gymnasium as gym
 import numpy as np
 import pytest
@@ -63,7 +65,10 @@ def with_position_noise(**fields):
         ({"joint": {**JOINT, "frequency": 9.0}}, "give one of stiffness .* and frequency .*; got stiffness=.*frequency="),
         ({"joint": {"rotor_inertia": 0.5}}, "give one of stiffness .* and frequency"),
         ({"joint": {**JOINT, "stiffness": {"choice": [500.0, 1e8]}}}, "too long for these joints"),
-        ({"joint": JOINT, "friction": {"law": "literal"}}, r"friction\.law must be 'exact' with elastic joints"),
+        *[
+            ({**bending, "friction": {"law": "literal"}}, "friction.law must be 'exact' with elastic joints, links that bend")
+            for bending in ({"joint": JOINT}, {"link": 10.0})
+        ],
         ({"plant": "mujoco", "friction": {"law": "literal"}}, r"friction\.law must be 'exact' .* in MuJoCo"),
         # Times that are no multiples of their step
         ({"control_dt": 0.01, "physics_dt": 0.003}, "multiple of physics_dt=0.003 s, got control_dt=0.01 s"),
@@ -122,6 +127,30 @@ def with_position_noise(**fields):
 def test_wrong_options_are_named(options, message):
     with pytest.raises(ValueError, match=message):
         TwoLinkArmEnv(**options)
+
+
+LIGHT = {"m1": 0.05, "m2": 0.02, "L1": 0.2, "L2": 0.2}
+JITTER = {"control_dt": 0.0025, "physics_dt": 5e-4, "actuator": {"jitter": 0.0015}}
+
+
+@pytest.mark.parametrize(
+    ("options", "cause", "speed"),
+    [
+        ({"joint": {**JOINT, "stiffness": 2e6}}, "these joints", 15.0),
+        ({"joint": JOINT, "physics_dt": 5e-3, "parameter_error": {"radius": 5.0}}, "these joints", 15.0),
+        ({"link": 300.0, **JITTER}, r"these links \(link.frequency, link.damping\)", 15.0),
+        ({"friction": {"viscous": 5.0}, "arm": LIGHT}, "this friction", 1.0),
+    ],
+    ids=str,
+)
+def test_a_step_too_long_is_refused_with_one_that_does(options, cause, speed):
+    """It divides all other times too, and the speeds of an arm that starts with 10 rad/s stay below `speed`."""
+    with pytest.raises(ValueError, match=rf"physics_dt=\S+ s is too long for {cause}") as error:
+        TwoLinkArmEnv(**options)
+    step = float(re.search(r"physics_dt=([0-9.e-]+) s would do", str(error.value)).group(1))
+    env = started(**options | {"physics_dt": step, "initial_velocity": 10.0})
+    assert not env.step((0.0, 0.0))[2]
+    assert np.abs(env.truth.velocity).max() < speed
 
 
 @pytest.mark.filterwarnings("ignore::fbl_gym.scenarios.files.UnitsWarning")

@@ -179,9 +179,7 @@ def test_the_first_bad_lane_is_named_and_the_episode_continues():
                 env.step(bad)
         with pytest.raises(ValueError, match=r"shape \(37, 2\), got shape \(2, 37\)"):
             env.step(actions.T)
-        a, b = env.step(actions), twin.step(actions)
-        for x, y in zip(a[:4], b[:4], strict=True):
-            np.testing.assert_array_equal(x, y)
+        np.testing.assert_equal(env.step(actions), twin.step(actions))
 
 
 SEEDS = [2.5, np.float64(2.0), np.array(5), "5", True, -1, 2**64 - 1, {}, [1], [0, -1], [1, 2.5], [1, "2"]]
