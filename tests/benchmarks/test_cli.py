@@ -68,6 +68,7 @@ from fbl_gym import scenarios
         *[(f"identify --plan a.csv --amplitude 1 {x}", "amplitude[1] must be a finite number") for x in ("nan", "1e300")],
         *[(f"identify --plan a.csv --speed {x}", "speed must be a finite number greater than 0") for x in ("inf", "-1")],
         ("identify --validate none.csv", "No such file or directory: none.csv"),
+        ("leaderboard --suite ideal ideal.toml", "--suite must give suites of different names, got ideal, ideal"),
         ("leaderboard --suite lists.toml", "policies of lists.toml must be a list of names, got []"),
         ("sweep zero --over noise.position=1:2:log:10001", "must be at most 10000, got '10001'"),
         ("sweep zero --over arm.m1=1:2:lin:999 --over arm.m2=1:2:lin:999", "at most 100000 cells, policies times values"),
@@ -78,10 +79,12 @@ from fbl_gym import scenarios
 def test_a_mistake_is_answered_with_what_is_right(line, message, folder, fbl_gym):
     (folder / "folder.csv").mkdir()
     (folder / "lists.toml").write_text("policies = []\nscenarios = []\n")
+    (folder / "ideal.toml").write_text('policies = ["zero"]\nscenarios = ["nominal"]\n')
+    before = {*folder.iterdir()}
     shown = fbl_gym(line, 2)
     assert message in shown.err
     assert shown.out == ""
-    assert {path.name for path in folder.iterdir()} <= {"folder.csv", "lists.toml", "results"}
+    assert {*folder.iterdir()} <= {*before, folder / "results"}
 
 
 def test_a_mistake_in_a_file_is_one_line(folder, fbl_gym):

@@ -122,6 +122,7 @@ def test_an_option_changes_where_its_path_leads():
     assert scenario.noise.velocity == base.noise.velocity
     assert scenario.noise.position == base.replace(noise={"position": 0.01}).noise.position
     assert with_option(base, "arm.m1", 7.0).arm.m1 == 7.0
+    assert with_option(base, "datasheet.lag", 0.002).datasheet.lag == 0.002  # without one before
     # Ranges that agents generalise over are values of the radius.
     trained_on = scenarios.get("everything-2")
     swept = with_option(trained_on, "parameter_error.radius", 2.0)
