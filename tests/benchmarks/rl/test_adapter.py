@@ -13,10 +13,9 @@ from benchmarks.policies.spec import resolve
 from benchmarks.report.columns import columns
 from benchmarks.run.cell import Cell
 from benchmarks.run.runner import run_cell
-from benchmarks.training.vec_env import VectorAdapter
 from fbl_gym import TwoLinkArmEnv, TwoLinkArmVectorEnv, scenarios
 from fbl_gym.model.arm import forward_dynamics
-from tests.benchmarks.rl.agents import random_actor
+from tests.benchmarks.rl.agents import batch, random_actor
 
 MOTION = ("position", "velocity")
 PAYLOAD = {"mass": 10.0, "pick_up": 0.1, "drop": 0.2}
@@ -29,10 +28,6 @@ def start(scenario, *settings, **more):
     adapter = AgentAdapter(AdapterSettings(*settings, **more), env.interface)
     torque = lambda *action: adapter.torque(np.array([action]), observation, adapter.initial(observation))[0]
     return env, observation, torque
-
-
-def batch(lanes, settings, scenario=None, **options):
-    return VectorAdapter(TwoLinkArmVectorEnv(lanes, scenario, autoreset_mode="SameStep", **options), settings)
 
 
 def first_seen(env, settings):

@@ -22,10 +22,11 @@ from benchmarks.training.progress import Progress
 from benchmarks.training.train import train
 from benchmarks.training.training_settings import SEEDS_PER_RUN, TrainingSettings, shipped_hyperparameters
 from benchmarks.training.validation import VALIDATION, tracking_error, validate
-from benchmarks.training.vec_env import VectorAdapter
 from fbl_gym import TwoLinkArmVectorEnv, scenarios
+from tests.benchmarks.rl.agents import batch
 
 SCENARIO = scenarios.get("everything-2").replace(duration=0.2)
+SIMPLE = AdapterSettings(sensors=("position", "velocity"))
 ON_POLICY = {"lanes": 4, "steps": 640, "arguments": {"n_steps": 20, "batch_size": 40, "learning_rate": 1e-3}}
 OFF_POLICY = {"lanes": 4, "steps": 200, "arguments": {"learning_starts": 20, "buffer_size": 300, "learning_rate": 1e-3}}
 
@@ -102,8 +103,7 @@ def test_a_run_trains_on_the_motions_of_its_scenarios_and_on_others_that_no_boar
 
 
 def test_the_value_sees_the_real_arm_and_the_agent_does_not():
-    arms = TwoLinkArmVectorEnv(3, "servo-practice-everything-3", autoreset_mode="SameStep", duration=0.05)
-    env = VectorAdapter(arms, AdapterSettings(sensors=("position", "velocity")))
+    env = batch(3, SIMPLE, "servo-practice-everything-3", duration=0.05)
     learner = PPO([env], 0, learning_rate=1e-3)
     model, x = learner._model, learner._now
     model.watch(x + torch.randn(100, *x.shape).mul(0.1).flatten(0, 1)[: len(x)])
@@ -114,24 +114,19 @@ def test_the_value_sees_the_real_arm_and_the_agent_does_not():
     assert not torch.equal(value, another)
     acted = learner.actor()(x[:, : learner._arms.observed].numpy().astype(float))
     np.testing.assert_allclose(acted, policy.mean.clamp(-1, 1), atol=1e-5)
-    delay = 20 * arms.truth.delay
+    delay = 20 * env.unwrapped.truth.delay
     np.testing.assert_allclose(x[:, learner._arms.observed + 10], delay, rtol=1e-6)
 
 
 def test_the_discount_is_that_of_the_horizon_in_each_batch():
     """A time in seconds, so that a batch with shorter steps has a discount nearer to 1."""
-    names, adapter = (
-        ("servo-practice-nominal", "geared-practice-nominal"),
-        AdapterSettings(sensors=("position", "velocity")),
-    )
-    arms = [TwoLinkArmVectorEnv(2, name, autoreset_mode="SameStep", duration=0.03) for name in names]
-    learner = PPO([VectorAdapter(each, adapter) for each in arms], 0, learning_rate=1e-3, horizon=0.1)
+    envs = [batch(2, SIMPLE, f"{robot}-practice-nominal", duration=0.03) for robot in ("servo", "geared")]
+    learner = PPO(envs, 0, learning_rate=1e-3, horizon=0.1)
     np.testing.assert_allclose(learner._gamma, [0.9, 0.9, 0.99, 0.99], rtol=1e-6)
 
 
 def test_an_episode_that_time_ends_has_its_last_observation():
-    arms = TwoLinkArmVectorEnv(2, "servo-practice-nominal", autoreset_mode="SameStep", duration=0.03)
-    lanes = _Arms([VectorAdapter(arms, AdapterSettings(sensors=("position", "velocity")))])
+    lanes = _Arms([batch(2, SIMPLE, "servo-practice-nominal", duration=0.03)])
     lanes.reset(0)
     seen, _, _, cut, last = zip(*(lanes.step(np.full((2, 2), 0.1, np.float32)) for _ in range(3)), strict=True)
     assert [each.tolist() for each in cut] == [[False] * 2, [False] * 2, [True] * 2]
@@ -174,6 +169,8 @@ def test_a_stopped_run_goes_on_and_a_finished_one_is_extended(algorithm, tmp_pat
     after = curve(tmp_path)
     assert after[:2] == before
     assert after[-1][0] == given.steps > before[-1][0]
+    with pytest.raises(ValueError, match="only steps and minutes of a run may change"):
+        train(settings(algorithm, seed=1), tmp_path, evaluations=4)
     train(given, tmp_path, evaluations=4)
     assert curve(tmp_path) == after
     assert f"the run has {given.steps:,} steps already" in capsys.readouterr().err
@@ -202,12 +199,6 @@ def test_a_resumed_folder_runs_no_code(tmp_path):
     with pytest.raises(ValueError, match="cannot be resumed"):
         train(settings("td3", steps=400), tmp_path / "run", evaluations=1)
     assert not (tmp_path / "marker").exists()
-
-
-def test_a_folder_with_other_settings_is_refused(tmp_path):
-    train(settings(), tmp_path, evaluations=1)
-    with pytest.raises(ValueError, match="only steps and minutes of a run may change"):
-        train(settings(seed=1), tmp_path)
 
 
 def test_a_run_of_some_processor_time_ends(tmp_path):
