@@ -77,13 +77,10 @@ REAL = {
 """Another arm than the nominal one. Without gravity, a wrong model rests where a right one does."""
 
 
-@pytest.mark.parametrize(
-    ("policy", "options"),
-    [
-        ("pd-gravity", {}), ("pid-flm@tuned", {}), ("cascade-flm", {}), ("lqg@tuned", {}), ("cascade-flm@tuned", {}),
-        ("rbf-adaptive", {}), ("computed-torque", {}), ("computed-torque", REAL),
-    ],
-)  # fmt: skip
+@pytest.mark.parametrize(("policy", "options"), [
+    ("pd-gravity", {}), ("pid-flm@tuned", {}), ("cascade-flm", {}), ("lqg@tuned", {}), ("cascade-flm@tuned", {}),
+    ("rbf-adaptive", {}), ("computed-torque", {}), ("computed-torque", REAL),
+])  # fmt: skip
 def test_the_delay_margin_is_the_delay_at_which_the_environment_becomes_unstable(policy, options):
     step, delay = 2.5e-4, linearize(policy, Scenario(**options)).margins().delay
     assert not options or delay < linearize(policy).margins().delay - 0.003
@@ -134,13 +131,10 @@ def test_no_margin_within_the_gap_of_a_backlash():
         linearize("computed-torque", Scenario(arm={"gravity": 0.0}, joint=springs))
 
 
-@pytest.mark.parametrize(
-    ("policy", "options", "less"),
-    [
-        ("lqg", {"actuator": {"delay": 0.004}}, 0.004), ("pd-gravity", {"encoder": {"latency": 1}}, 0.01),
-        ("pid-flm", {"encoder": {"counts": 4096}}, 0.0), ("pid-flm", {"actuator": {"jitter": 0.004}}, 0.002),
-    ],
-)  # fmt: skip
+@pytest.mark.parametrize(("policy", "options", "less"), [
+    ("lqg", {"actuator": {"delay": 0.004}}, 0.004), ("pd-gravity", {"encoder": {"latency": 1}}, 0.01),
+    ("pid-flm", {"encoder": {"counts": 4096}}, 0.0), ("pid-flm", {"actuator": {"jitter": 0.004}}, 0.002),
+])  # fmt: skip
 def test_what_is_late_in_drive_and_encoder_is_taken_off_the_delay_margin(policy, options, less):
     plain, late = linearize(policy), linearize(policy, Scenario(**options))
     assert late.margins().delay == pytest.approx(plain.margins().delay - less, abs=1e-5)

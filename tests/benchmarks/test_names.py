@@ -58,18 +58,15 @@ def test_a_law_of_a_file_with_parts_runs_and_can_be_tuned(factory):
     assert spec.identity["policy"] != resolve("parted.py").identity["policy"]
 
 
-@pytest.mark.parametrize(
-    ("text", "form", "source", "attribute", "parts"),
-    [
-        ("./a+b/law.py", "file", "./a+b/law.py", "", ()), ("a+barrier.py", "file", "a+barrier.py", "", ()),
-        ("a+b/model.zip", "archive", "a+b/model.zip", "", ()), ("./runs/a@b", "folder", "./runs/a@b", "", ()),
-        ("C:\\laws\\my.py", "file", "C:\\laws\\my.py", "", ()), ("C:\\my.py:Law", "file", "C:\\my.py", "Law", ()),
-        ("a:b/law.py:Law", "file", "a:b/law.py", "Law", ()), ("a:b/law.py", "file", "a:b/law.py", "", ()),
-        ("package.module:Law@K=1,2", "module", "package.module", "Law", ()), ("ppo-blend@2", "name", "ppo-blend", "", ()),
-        ("pid-flm+kalman@tuned@kp=0.5x", "name", "pid-flm", "", ("kalman",)),
-        ("a/b.py:Law+eso@K=3@my_gains", "file", "a/b.py", "Law", ("eso",)),
-    ],
-)  # fmt: skip
+@pytest.mark.parametrize(("text", "form", "source", "attribute", "parts"), [
+    ("./a+b/law.py", "file", "./a+b/law.py", "", ()), ("a+barrier.py", "file", "a+barrier.py", "", ()),
+    ("a+b/model.zip", "archive", "a+b/model.zip", "", ()), ("./runs/a@b", "folder", "./runs/a@b", "", ()),
+    ("C:\\laws\\my.py", "file", "C:\\laws\\my.py", "", ()), ("C:\\my.py:Law", "file", "C:\\my.py", "Law", ()),
+    ("a:b/law.py:Law", "file", "a:b/law.py", "Law", ()), ("a:b/law.py", "file", "a:b/law.py", "", ()),
+    ("package.module:Law@K=1,2", "module", "package.module", "Law", ()), ("ppo-blend@2", "name", "ppo-blend", "", ()),
+    ("pid-flm+kalman@tuned@kp=0.5x", "name", "pid-flm", "", ("kalman",)),
+    ("a/b.py:Law+eso@K=3@my_gains", "file", "a/b.py", "Law", ("eso",)),
+])  # fmt: skip
 def test_a_text_is_read_and_written_as_it_is(text, form, source, attribute, parts):
     """A path may contain a colon or a plus."""
     name = PolicyName.parse(text)
@@ -114,13 +111,10 @@ def test_a_gain_with_a_name_of_the_composed_law_is_refused(folder, gain):
         resolve("parted.py+kalman")
 
 
-@pytest.mark.parametrize(
-    ("text", "frequency", "damping"),
-    [
-        ("pd-gravity@my_arm", (8.0, 8.0), 0.4), ("pd-gravity@my_arm/pd-gravity.json@damping=0.7", (8.0, 8.0), 0.7),
-        ("law.py@gains.json", (8.0, 9.0), 0.4), ("law.py:PdGravity@frequency=8,9", (8.0, 9.0), 0.4),
-    ],
-)  # fmt: skip
+@pytest.mark.parametrize(("text", "frequency", "damping"), [
+    ("pd-gravity@my_arm", (8.0, 8.0), 0.4), ("pd-gravity@my_arm/pd-gravity.json@damping=0.7", (8.0, 8.0), 0.7),
+    ("law.py@gains.json", (8.0, 9.0), 0.4), ("law.py:PdGravity@frequency=8,9", (8.0, 9.0), 0.4),
+])  # fmt: skip
 def test_gains_of_a_text_reach_the_law(text, frequency, damping):
     spec = resolve(text)
     law = spec.make(TwoLinkArmEnv())
@@ -135,30 +129,26 @@ def test_tuned_gains_are_changed_one_by_one():
     assert (changed.kp, changed.ki, changed.kd) == ((7.0, 7.0), tuned.ki, tuned.kd)
 
 
-@pytest.mark.parametrize(
-    ("text", "message"),
-    [
-        *[(PolicyName(form, "os"), f"unknown form of a policy's name {form!r}") for form in ("weird", "", "Module")],
-        ("parted.py:function+barrier", "parts go with a subclass of TorqueLaw, got 'function'"),
-        ("oracle-flm+kalman", "parts go with a subclass of TorqueLaw, got 'OracleFlm'"),
-        ("parted.py@frequency=3+barrier", r"parts of a law come before its gains: parted.py\+barrier@frequency=3"),
-        ("parted.py@my_gains+barrier", r"parts of a law come before its gains: parted.py\+barrier@my_gains"),
-        ("pid-flm+kalmn", "unknown part 'kalmn'; did you mean 'kalman'"),
-        ("pid-fml+kalman", "unknown policy 'pid-fml.*did you mean 'pid-flm'"),
-        ("pid-flm+kalman+eso", "give one observer, got kalman and eso"),
-        ("pid-flm+eso+eso", "parts must differ, got eso, eso"),
-        ("computed-torque-ilc+kalman@tuned", "computed-torque-ilc.kalman has no tuned gains"),
-        ("pid-flm@lost/gains", "gains of pid-flm: there is no file lost/gains/pid-flm.json"),
-        ("law.py@lost.json", "gains of law.py: there is no file lost.json"),
-        ("law.py@law.json", "law.json must be JSON with numbers"),
-        (PolicyName.parse("law.py@gains.json", "a suite"), r"a suite names law\.py@gains\.json, whose code would be run"),
-        ("pid-flm@kp=x", "must be such as kp=25, kp=25,30 for the two joints, or kp=0.5x for half the tuned or default"),
-        ("pid-flm@kp=1,2,3", "must be such as kp=25, .* got 'kp=1,2,3'"),
-        ("ppo-blend@seed=2x", "seed must be a number, since there is no tuned or default one, got 2x"),
-        ("ppo-blend@kp=3", "unknown argument of ppo-blend 'kp'"),
-    ],
-    ids=str,
-)  # fmt: skip
+@pytest.mark.parametrize(("text", "message"), [
+    *[(PolicyName(form, "os"), f"unknown form of a policy's name {form!r}") for form in ("weird", "", "Module")],
+    ("parted.py:function+barrier", "parts go with a subclass of TorqueLaw, got 'function'"),
+    ("oracle-flm+kalman", "parts go with a subclass of TorqueLaw, got 'OracleFlm'"),
+    ("parted.py@frequency=3+barrier", r"parts of a law come before its gains: parted.py\+barrier@frequency=3"),
+    ("parted.py@my_gains+barrier", r"parts of a law come before its gains: parted.py\+barrier@my_gains"),
+    ("pid-flm+kalmn", "unknown part 'kalmn'; did you mean 'kalman'"),
+    ("pid-fml+kalman", "unknown policy 'pid-fml.*did you mean 'pid-flm'"),
+    ("pid-flm+kalman+eso", "give one observer, got kalman and eso"),
+    ("pid-flm+eso+eso", "parts must differ, got eso, eso"),
+    ("computed-torque-ilc+kalman@tuned", "computed-torque-ilc.kalman has no tuned gains"),
+    ("pid-flm@lost/gains", "gains of pid-flm: there is no file lost/gains/pid-flm.json"),
+    ("law.py@lost.json", "gains of law.py: there is no file lost.json"),
+    ("law.py@law.json", "law.json must be JSON with numbers"),
+    (PolicyName.parse("law.py@gains.json", "a suite"), r"a suite names law\.py@gains\.json, whose code would be run"),
+    ("pid-flm@kp=x", "must be such as kp=25, kp=25,30 for the two joints, or kp=0.5x for half the tuned or default"),
+    ("pid-flm@kp=1,2,3", "must be such as kp=25, .* got 'kp=1,2,3'"),
+    ("ppo-blend@seed=2x", "seed must be a number, since there is no tuned or default one, got 2x"),
+    ("ppo-blend@kp=3", "unknown argument of ppo-blend 'kp'"),
+], ids=str)  # fmt: skip
 def test_a_wrong_name_is_refused(text, message):
     with pytest.raises(ValueError, match=message):
         resolve(text)

@@ -189,15 +189,12 @@ def test_columns_of_numbers_are_to_the_right(tmp_path):
     ]  # fmt: skip
 
 
-@pytest.mark.parametrize(
-    ("line", "least", "columns"),
-    [
-        ("evaluate pd-gravity --plot lines.png", 15, 3), ("evaluate pd-gravity zero --plot lines.png", 2, 6),
-        ("evaluate pd-gravity zero --trials 2", 2, 3),
-        ("sweep pd-gravity zero --over arm.m2=14,15,16 --workers 1", 3, 3),
-        ("leaderboard --policies pd-gravity zero oracle-flm --scenarios arm.toml --workers 1", 3, 7),
-    ],
-)  # fmt: skip
+@pytest.mark.parametrize(("line", "least", "columns"), [
+    ("evaluate pd-gravity --plot lines.png", 15, 3), ("evaluate pd-gravity zero --plot lines.png", 2, 6),
+    ("evaluate pd-gravity zero --trials 2", 2, 3),
+    ("sweep pd-gravity zero --over arm.m2=14,15,16 --workers 1", 3, 3),
+    ("leaderboard --policies pd-gravity zero oracle-flm --scenarios arm.toml --workers 1", 3, 7),
+])  # fmt: skip
 def test_commands_write_their_table(line, least, columns, folder, fbl_gym):
     scenario = "" if "leaderboard" in line else "--scenario arm.toml"
     assert "table: table.tex" in fbl_gym(f"{line} {scenario} --seeds 2 --tex table.tex").out

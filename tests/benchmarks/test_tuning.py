@@ -228,14 +228,11 @@ def run_cells(cells):
     return {cell.id: run_cell(cell) for cell in cells}
 
 
-@pytest.mark.parametrize(
-    ("name", "classes"),
-    [
-        ("servo-nominal", ("servo",)), ("servo-elastic-2", ("servo",)), ("direct-nominal", ("direct",)),
-        ("direct-dfki-a0", ("direct",)), ("geared-nominal", ("geared",)), ("geared-friction-3", ("geared",)),
-        ("nominal", ("servo",)), (Scenario(control_dt=0.004), ("direct", "servo")),
-    ],
-)  # fmt: skip
+@pytest.mark.parametrize(("name", "classes"), [
+    ("servo-nominal", ("servo",)), ("servo-elastic-2", ("servo",)), ("direct-nominal", ("direct",)),
+    ("direct-dfki-a0", ("direct",)), ("geared-nominal", ("geared",)), ("geared-friction-3", ("geared",)),
+    ("nominal", ("servo",)), (Scenario(control_dt=0.004), ("direct", "servo")),
+])  # fmt: skip
 def test_the_class_of_a_robot(name, classes):
     assert Likeness.of(as_scenario(name)).classes == classes
 

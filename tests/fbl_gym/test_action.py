@@ -77,16 +77,12 @@ def test_an_action_keeps_its_precision(kind):
     np.testing.assert_array_equal(env.truth.applied_torque, np.float64(kind(0.1)) * np.array([2000.0, 800.0]))
 
 
-@pytest.mark.parametrize(
-    ("bad", "message"),
-    [
-        ((np.nan, -np.inf), "be finite, got .*nan"), ((0.0, np.inf), "be finite, got .*inf"), (0.5, r"have shape \(2,\)"),
-        *[(np.zeros(n), rf"have shape \(2,\), got shape \({text}\)") for n, text in ((3, "3,"), ((1, 2), "1, 2"))],
-        (("a", "b"), r"be numbers of shape \(2,\), got \('a', 'b'\)"),
-        *[(bad, "") for bad in ("ab", None, [None, None], {}, (1j, 0.0), np.array([1j, 0.0]))],
-    ],
-    ids=str,
-)  # fmt: skip
+@pytest.mark.parametrize(("bad", "message"), [
+    ((np.nan, -np.inf), "be finite, got .*nan"), ((0.0, np.inf), "be finite, got .*inf"), (0.5, r"have shape \(2,\)"),
+    *[(np.zeros(n), rf"have shape \(2,\), got shape \({text}\)") for n, text in ((3, "3,"), ((1, 2), "1, 2"))],
+    (("a", "b"), r"be numbers of shape \(2,\), got \('a', 'b'\)"),
+    *[(bad, "") for bad in ("ab", None, [None, None], {}, (1j, 0.0), np.array([1j, 0.0]))],
+], ids=str)  # fmt: skip
 def test_what_is_not_two_numbers_is_refused_in_mid_episode(bad, message):
     """And the run goes on, over many steps, as that of an undisturbed twin: observations, rewards, truth."""
     env, twin = TwoLinkArmEnv(**RECORDS), TwoLinkArmEnv(**RECORDS)

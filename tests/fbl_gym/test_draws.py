@@ -58,15 +58,11 @@ def readings(layout, seen, truths):
     return np.concatenate(added, axis=-1)
 
 
-@pytest.mark.parametrize(
-    "change",
-    [
-        {"reference": {"kind": "fourier"}}, {"reference": {"kind": "steps", "period": 0.3}},
-        {"reference": {"kind": "minimum-jerk", "low": 0.0, "high": 1.0}}, {"initial_error": (0.2, -0.1)},
-        {"friction": None}, {"arm": {"gravity": 0.0}},
-    ],
-    ids=str,
-)  # fmt: skip
+@pytest.mark.parametrize("change", [
+    {"reference": {"kind": "fourier"}}, {"reference": {"kind": "steps", "period": 0.3}},
+    {"reference": {"kind": "minimum-jerk", "low": 0.0, "high": 1.0}}, {"initial_error": (0.2, -0.1)},
+    {"friction": None}, {"arm": {"gravity": 0.0}},
+], ids=str)  # fmt: skip
 def test_another_task_has_the_same_random_numbers(change):
     ours, theirs = play(**{**CROWDED, **change}), play(**CROWDED)
     np.testing.assert_allclose(readings(*ours), readings(*theirs), atol=1e-11)
@@ -74,15 +70,11 @@ def test_another_task_has_the_same_random_numbers(change):
     assert not same(ours[2][5:], theirs[2][5:], "position", "reference")
 
 
-@pytest.mark.parametrize(
-    "change",
-    [
-        {"reward": {"tracking": "l1", "weight_effort": 3.0}}, {"preview": 4}, {"duration": 4.0},
-        {"limits": {"position": 50.0, "velocity": 200.0, "command": 5.0}},
-        {"name": "another", "description": "of the same"},
-    ],
-    ids=str,
-)  # fmt: skip
+@pytest.mark.parametrize("change", [
+    {"reward": {"tracking": "l1", "weight_effort": 3.0}}, {"preview": 4}, {"duration": 4.0},
+    {"limits": {"position": 50.0, "velocity": 200.0, "command": 5.0}},
+    {"name": "another", "description": "of the same"},
+], ids=str)  # fmt: skip
 def test_options_outside_the_arm_do_not_move_it(change):
     """All readings and the whole truth are the same to the bit."""
     options = {"action": "torque", "limits": {"position": 100.0}, **CROWDED}

@@ -101,16 +101,12 @@ def test_the_truth_has_the_state_of_the_drive():
     np.testing.assert_array_equal(env.truth.commands, [(4.0, 2.0), (3.0, 1.0), held])
 
 
-@pytest.mark.parametrize(
-    ("actuator", "count"),
-    [
-        ({}, 0), ({"delay": 0.001}, 1), ({"delay": 0.01}, 1), ({"delay": 0.011}, 2), ({"delay_samples": 3}, 3),
-        ({"delay_samples": 1, "delay": 0.015}, 3), ({"delay": {"uniform": [0.0, 0.035]}}, 4), ({"lag": 0.01}, 1),
-        ({"delay_samples": {"choice": [0, 2]}, "delay": 0.003}, 3), ({"rate_limit": 100.0}, 1),
-        ({"delay": 0.02, "lag": 0.01}, 3), ({"delay": 0.013, "lag": 0.01}, 2),
-    ],
-    ids=str,
-)  # fmt: skip
+@pytest.mark.parametrize(("actuator", "count"), [
+    ({}, 0), ({"delay": 0.001}, 1), ({"delay": 0.01}, 1), ({"delay": 0.011}, 2), ({"delay_samples": 3}, 3),
+    ({"delay_samples": 1, "delay": 0.015}, 3), ({"delay": {"uniform": [0.0, 0.035]}}, 4), ({"lag": 0.01}, 1),
+    ({"delay_samples": {"choice": [0, 2]}, "delay": 0.003}, 3), ({"rate_limit": 100.0}, 1),
+    ({"delay": 0.02, "lag": 0.01}, 3), ({"delay": 0.013, "lag": 0.01}, 2),
+], ids=str)  # fmt: skip
 def test_previous_actions_are_those_on_their_way(actuator, count):
     env = TwoLinkArmEnv(actuator=actuator, preview=1)
     start, _ = env.reset(seed=0)

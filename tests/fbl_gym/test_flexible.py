@@ -113,13 +113,10 @@ def test_blows_and_grasps_keep_the_momentum_of_the_whole_chain(joint):
     assert np.abs(truths[2001].velocity - truths[2000].velocity).max() > 0.01
 
 
-@pytest.mark.parametrize(
-    ("frequency", "payload", "mass", "speed"),
-    [
-        ((0.76, 1.14), 0.0, 1.0, 0.0), ((0.76, 1.14), 0.0, 1.0, 2.0), (1.3, 0.0, 1.0, 1.0), (5.0, 0.0, 1.0, 3.0),
-        (20.0, 3.0, 1.3, 3.0), (1.2, 8.0, 1.0, 0.0), (1.2, 30.0, 2.0, 1.0),  # hinges buckle in the last two
-    ],
-)  # fmt: skip
+@pytest.mark.parametrize(("frequency", "payload", "mass", "speed"), [
+    ((0.76, 1.14), 0.0, 1.0, 0.0), ((0.76, 1.14), 0.0, 1.0, 2.0), (1.3, 0.0, 1.0, 1.0), (5.0, 0.0, 1.0, 3.0),
+    (20.0, 3.0, 1.3, 3.0), (1.2, 8.0, 1.0, 0.0), (1.2, 30.0, 2.0, 1.0),  # hinges buckle in the last two
+])  # fmt: skip
 def test_an_arm_starts_in_a_stable_balance_of_its_bent_links(frequency, payload, mass, speed):
     """In all poses, upright too: no torque is left on the hinges, and a small bend raises one against it."""
     arm, rate = ArmParameters(), 2 * np.pi * np.array(frequency)

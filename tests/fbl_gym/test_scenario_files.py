@@ -66,18 +66,15 @@ def test_a_world_moves_the_arm_of_a_file(folder):
     assert scenarios.get(f"{folder}/rigid.toml@mujoco").plant is not None
 
 
-@pytest.mark.parametrize(
-    ("text", "message"),
-    [
-        ("noise.positon = 1.0", "^bad.toml: unknown field of noise 'positon'; did you mean 'position'"),
-        ("nois = 1.0", "^bad.toml: unknown field of scenario 'nois'; did you mean 'noise'"),
-        ("control_dt = -1.0", "^bad.toml: control_dt must be"),
-        ("base = 'nomnal'", "^bad.toml: unknown scenario 'nomnal'; did you mean 'nominal'"),
-        ("control_dt =", "^bad.toml is no TOML"),
-        ("scenarios = ['nominal']", "^bad.toml is a suite: give it to --suite, or name one of its scenarios, bad.toml:NAME"),
-        ('base = "child.toml"', r"(bad|child).toml: base must be another scenario, but leads back"),
-    ],
-)  # fmt: skip
+@pytest.mark.parametrize(("text", "message"), [
+    ("noise.positon = 1.0", "^bad.toml: unknown field of noise 'positon'; did you mean 'position'"),
+    ("nois = 1.0", "^bad.toml: unknown field of scenario 'nois'; did you mean 'noise'"),
+    ("control_dt = -1.0", "^bad.toml: control_dt must be"),
+    ("base = 'nomnal'", "^bad.toml: unknown scenario 'nomnal'; did you mean 'nominal'"),
+    ("control_dt =", "^bad.toml is no TOML"),
+    ("scenarios = ['nominal']", "^bad.toml is a suite: give it to --suite, or name one of its scenarios, bad.toml:NAME"),
+    ('base = "child.toml"', r"(bad|child).toml: base must be another scenario, but leads back"),
+])  # fmt: skip
 def test_an_error_names_the_file_and_the_key_once(text, message, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     (tmp_path / "bad.toml").write_text(text)

@@ -38,13 +38,10 @@ def first_seen(env, settings):
     return seen
 
 
-@pytest.mark.parametrize(
-    ("action", "history", "preview", "period"),
-    [
-        ("torque", 0, 0, 1), ("residual", 3, 0, 1), ("residual", 0, 4, 1), ("residual", 3, 4, 1), ("blend", 1, 0, 1),
-        ("residual", 2, 0, 5), ("torque", 0, 7, 5),
-    ],
-)  # fmt: skip
+@pytest.mark.parametrize(("action", "history", "preview", "period"), [
+    ("torque", 0, 0, 1), ("residual", 3, 0, 1), ("residual", 0, 4, 1), ("residual", 3, 4, 1), ("blend", 1, 0, 1),
+    ("residual", 2, 0, 5), ("torque", 0, 7, 5),
+])  # fmt: skip
 def test_an_agent_acts_as_in_training(action, history, preview, period):
     """Closed loops on the plain environment and on the training environment are equal over several episodes.
 
