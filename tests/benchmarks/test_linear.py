@@ -100,16 +100,13 @@ def test_the_steps_of_a_derivative_may_exceed_the_torque_limit():
         linearize(law, loose.replace(actuator=dataclasses.replace(drive, torque_limit=1.0)))
 
 
-@pytest.mark.parametrize(
-    ("policy", "name", "link"),
-    [
-        ("computed-torque", "geared-nominal", None),
-        ("pd-gravity", "servo-elastic-2", None),
-        ("pid-gravity", "servo-elastic-1", None),
-        ("pd-gravity", "servo-nominal", 15.0),
-        ("computed-torque", "geared-nominal", 8.0),
-    ],
-)
+@pytest.mark.parametrize(("policy", "name", "link"), [
+    ("computed-torque", "geared-nominal", None),
+    ("pd-gravity", "servo-elastic-2", None),
+    ("pid-gravity", "servo-elastic-1", None),
+    ("pd-gravity", "servo-nominal", 15.0),
+    ("computed-torque", "geared-nominal", 8.0),
+])  # fmt: skip
 def test_the_delay_margin_holds_with_springs_and_velocities_of_encoders(policy, name, link):
     """Encoders on the motors (geared) and on the links (servo), which both compute the velocity."""
     step, base = 1e-4, get(name)
@@ -168,16 +165,13 @@ def test_the_response_is_that_of_python_control():
         np.testing.assert_allclose(1.0 / (1.0 + transfer), np.linalg.inv(opened)[:, joint, joint], rtol=1e-6)
 
 
-@pytest.mark.parametrize(
-    ("policy", "options", "reason"),
-    [
-        ("sliding-mode@layer=0", {}, "jumps"),
-        ("adaptive-flm", {}, "does not follow"),
-        ("oracle-flm", {}, "reads the true state"),
-        ("zero", {}, "torque is constant"),
-        ("computed-torque-tde", {"parameter_error": 0.2}, "unstable"),
-    ],
-)
+@pytest.mark.parametrize(("policy", "options", "reason"), [
+    ("sliding-mode@layer=0", {}, "jumps"),
+    ("adaptive-flm", {}, "does not follow"),
+    ("oracle-flm", {}, "reads the true state"),
+    ("zero", {}, "torque is constant"),
+    ("computed-torque-tde", {"parameter_error": 0.2}, "unstable"),
+])  # fmt: skip
 def test_a_loop_without_margins_says_why(policy, options, reason):
     with pytest.raises(NotLinear, match=reason):
         linearize(policy, Scenario(**options)).margins()

@@ -167,15 +167,12 @@ def test_two_options_give_every_pair_of_values(folder, fbl_gym):
     assert "pd-gravity, noise.position 0.01<" in drawn
 
 
-@pytest.mark.parametrize(
-    ("text", "latex"),
-    [
-        ("my_law.py 5 %", r"my\_law.py 5 \%"),
-        ("a\\b{c}~d^2 & #1 $", r"a\textbackslash{}b\{c\}\textasciitilde{}d\textasciicircum{}2 \& \#1 \$"),
-        ("-1.0 (-2–3)\n0 (≤5)", r"$-$1.0 ($-$2--3) 0 ($\le$5)"),
-        ("computed-torque-dob 1e-3", "computed-torque-dob 1e-3"),
-    ],
-)
+@pytest.mark.parametrize(("text", "latex"), [
+    ("my_law.py 5 %", r"my\_law.py 5 \%"),
+    ("a\\b{c}~d^2 & #1 $", r"a\textbackslash{}b\{c\}\textasciitilde{}d\textasciicircum{}2 \& \#1 \$"),
+    ("-1.0 (-2–3)\n0 (≤5)", r"$-$1.0 ($-$2--3) 0 ($\le$5)"),
+    ("computed-torque-dob 1e-3", "computed-torque-dob 1e-3"),
+])  # fmt: skip
 def test_a_text_is_printed_as_it_is(text, latex):
     assert escape(text) == latex
 
@@ -217,14 +214,11 @@ def test_the_table_has_the_metrics_of_each_run():
     assert list(benchmarks.evaluate("zero", NOMINAL, seeds=[7]).index) == [7]
 
 
-@pytest.mark.parametrize(
-    ("given", "message"),
-    [
-        ({"seeds": 0}, "seeds must be"),
-        ({"k": 1.0}, "argument of pid-flm 'k'"),
-        ({"scenario": "servo-nominl"}, "nominal"),
-    ],
-)
+@pytest.mark.parametrize(("given", "message"), [
+    ({"seeds": 0}, "seeds must be"),
+    ({"k": 1.0}, "argument of pid-flm 'k'"),
+    ({"scenario": "servo-nominl"}, "nominal"),
+])  # fmt: skip
 def test_a_mistake_is_named(given, message):
     with pytest.raises(ValueError, match=message):
         benchmarks.evaluate(**{"policy": "pid-flm", "scenario": NOMINAL, **given})

@@ -80,18 +80,15 @@ def share_of(pole):
     return pole * 1e-3 / np.expm1(pole * 1e-3)
 
 
-@pytest.mark.parametrize(
-    ("law", "gains", "rates"),
-    [
-        # e'' + 2 w e' + w^2 e = x, x' = -g x, what is left of M^-1 d to find
-        ("computed-torque-tde", {}, [[0, 1, 0], [-64, -16, 1], [0, 0, -12]]),
-        # e'' + 2 w e' + w^2 e = f - z, z' = g (k f - z), k = p dt / (exp(p dt) - 1)
-        *[
-            ("l1-adaptive", {"pole": p}, [[0, 1, 0, 0], [-64, -16, -1, 1], [0, 0, -12, 12 * share_of(p)], [0, 0, 0, 0]])
-            for p in (5.0, 200.0)
-        ],
+@pytest.mark.parametrize(("law", "gains", "rates"), [
+    # e'' + 2 w e' + w^2 e = x, x' = -g x, what is left of M^-1 d to find
+    ("computed-torque-tde", {}, [[0, 1, 0], [-64, -16, 1], [0, 0, -12]]),
+    # e'' + 2 w e' + w^2 e = f - z, z' = g (k f - z), k = p dt / (exp(p dt) - 1)
+    *[
+        ("l1-adaptive", {"pole": p}, [[0, 1, 0, 0], [-64, -16, -1, 1], [0, 0, -12, 12 * share_of(p)], [0, 0, 0, 0]])
+        for p in (5.0, 200.0)
     ],
-)
+])  # fmt: skip
 def test_the_error_under_a_constant_load_obeys_its_linear_equation(law, gains, rates):
     """The last state begins in M^-1 d."""
     load = np.array([20.0, 6.0])

@@ -13,15 +13,11 @@ NOISY = {"noise": {"position": 0.1, "velocity": 0.3}, "parameter_error": 1.5}
 SATURATED = {"limits": {"velocity": 1.0}, "noise": {"velocity": {"bias": 5.0}}}
 
 
-@pytest.mark.parametrize(
-    "options",
-    [
-        *[{"action": mode, **NOISY} for mode in MODES],
-        {"action": "torque", "actuator": None},
-        {"action": MODES[2], **SATURATED},
-    ],
-    ids=str,
-)
+@pytest.mark.parametrize("options", [
+    *[{"action": mode, **NOISY} for mode in MODES],
+    {"action": "torque", "actuator": None},
+    {"action": MODES[2], **SATURATED},
+], ids=str)  # fmt: skip
 def test_the_interface_says_what_torque_an_action_makes(options):
     """And what action makes a torque; an acceleration goes through the nominal model at the readings that are shown."""
     env = TwoLinkArmEnv(**options)

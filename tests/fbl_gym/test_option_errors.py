@@ -129,16 +129,12 @@ LIGHT = {"m1": 0.05, "m2": 0.02, "L1": 0.2, "L2": 0.2}
 JITTER = {"control_dt": 0.0025, "physics_dt": 5e-4, "actuator": {"jitter": 0.0015}}
 
 
-@pytest.mark.parametrize(
-    ("options", "cause", "speed"),
-    [
-        ({"joint": {**JOINT, "stiffness": 2e6}}, "these joints", 15.0),
-        ({"joint": JOINT, "physics_dt": 5e-3, "parameter_error": {"radius": 5.0}}, "these joints", 15.0),
-        ({"link": 300.0, **JITTER}, r"these links \(link.frequency, link.damping\)", 15.0),
-        ({"friction": {"viscous": 5.0}, "arm": LIGHT}, "this friction", 1.0),
-    ],
-    ids=str,
-)
+@pytest.mark.parametrize(("options", "cause", "speed"), [
+    ({"joint": {**JOINT, "stiffness": 2e6}}, "these joints", 15.0),
+    ({"joint": JOINT, "physics_dt": 5e-3, "parameter_error": {"radius": 5.0}}, "these joints", 15.0),
+    ({"link": 300.0, **JITTER}, r"these links \(link.frequency, link.damping\)", 15.0),
+    ({"friction": {"viscous": 5.0}, "arm": LIGHT}, "this friction", 1.0),
+], ids=str)  # fmt: skip
 def test_a_step_too_long_is_refused_with_one_that_does(options, cause, speed):
     """It divides all other times too, and the speeds of an arm that starts with 10 rad/s stay below `speed`."""
     with pytest.raises(ValueError, match=rf"physics_dt=\S+ s is too long for {cause}") as error:

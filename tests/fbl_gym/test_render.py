@@ -70,14 +70,10 @@ def test_joints_are_drawn_at_the_positions_of_the_kinematics(size, lengths):
         np.testing.assert_allclose(seen, expected, atol=0.5)
 
 
-@pytest.mark.parametrize(
-    "options",
-    [
-        {"parameter_error": {"ratio": {"L1": 1.3}, "payload": 3.0}, "initial_error": 0.3},
-        {"link": 1.5, "reference": {"kind": "sine", "amplitude": 0.0, "centre": (0.0, 0.5)}},
-    ],
-    ids=["longer", "bent"],
-)
+@pytest.mark.parametrize("options", [
+    {"parameter_error": {"ratio": {"L1": 1.3}, "payload": 3.0}, "initial_error": 0.3},
+    {"link": 1.5, "reference": {"kind": "sine", "amplitude": 0.0, "centre": (0.0, 0.5)}},
+], ids=["longer", "bent"])  # fmt: skip
 def test_an_environment_draws_the_real_arm(options):
     """Elbow and tip by complex numbers: a link turns by its bend at 0.15 of its length."""
     env = started(**options, render_mode="rgb_array")

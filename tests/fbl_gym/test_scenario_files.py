@@ -121,15 +121,12 @@ def test_an_arm_may_be_in_kg_m_and_kg_m2(tmp_path):
             as_scenario({**plain, "arm": {**plain["arm"], **more}})
 
 
-@pytest.mark.parametrize(
-    ("arm", "doubt"),
-    [
-        ("centre = [4.5, 0.5]", "the centre of mass of link 1 is 4.5 link lengths from its joint"),
-        ("centre = [-0.3, 1.1]", ""),  # a counterweight, and a centre just beyond the end
-        ("inertia = [0.1, 2.0]", "the inertia of link 2 is 2 times its mass times its length squared"),
-        ("L1 = 350.0", "link 1 is 350 m long"),
-    ],
-)
+@pytest.mark.parametrize(("arm", "doubt"), [
+    ("centre = [4.5, 0.5]", "the centre of mass of link 1 is 4.5 link lengths from its joint"),
+    ("centre = [-0.3, 1.1]", ""),  # a counterweight, and a centre just beyond the end
+    ("inertia = [0.1, 2.0]", "the inertia of link 2 is 2 times its mass times its length squared"),
+    ("L1 = 350.0", "link 1 is 350 m long"),
+])  # fmt: skip
 def test_a_number_that_looks_like_a_mistake_of_units_warns(tmp_path, arm, doubt):
     (tmp_path / "far.toml").write_text(f'base = "nominal"\n[arm]\n{arm}\n')
     with warnings.catch_warnings(record=True, action="always") as caught:

@@ -183,24 +183,21 @@ HEAVY = chain().replace('value="3.0"', 'value="1e300"').replace('iyy="0.02"', 'i
 WEIGHTLESS = chain().replace(inertial(2.0, "0.12 0.02 0", 0.01), "").replace(inertial(0.5, "0.02 0 0", 0.002), "")
 
 
-@pytest.mark.parametrize(
-    ("text", "message"),
-    [
-        (chain().replace('<joint name="shoulder"', "<joint"), "must be a URDF file: KeyError: 'name'"),
-        (chain(extra=THIRD.replace('"two"', '"nothing"')), "the joints wrist hang on no link: nothing"),
-        (chain(kind="prismatic"), "two revolute joints, got shoulder, elbow .prismatic"),
-        (chain().replace("<axis", '<mimic joint="shoulder"/><axis'), "elbow .a mimic of shoulder"),
-        (chain(extra="<xacro:arm/>"), "xacro .* > arm.urdf"),
-        (chain(axis2="0 0 1"), "parallel axes"),
-        (chain(axis2="0 0 0"), "axis of elbow must have a direction"),
-        (HEAVY, "the arm must have inertia"),
-        (chain(elbow="0 0.1 0"), "joints apart.*'shoulder' and 'elbow'"),
-        (chain(tip="0 0 0", centre2="0 0 0").replace("0.02 0 0", "0 0 0"), "frame at its tip"),
-        (chain(elbow="0.4 0.05 0.05"), "link 1 on the line.* beside it"),
-        (WEIGHTLESS, "a mass"),
-        (chain().replace('"one"/><child link="two"/>', '"base"/><child link="two"/>'), "a chain"),
-    ],
-)
+@pytest.mark.parametrize(("text", "message"), [
+    (chain().replace('<joint name="shoulder"', "<joint"), "must be a URDF file: KeyError: 'name'"),
+    (chain(extra=THIRD.replace('"two"', '"nothing"')), "the joints wrist hang on no link: nothing"),
+    (chain(kind="prismatic"), "two revolute joints, got shoulder, elbow .prismatic"),
+    (chain().replace("<axis", '<mimic joint="shoulder"/><axis'), "elbow .a mimic of shoulder"),
+    (chain(extra="<xacro:arm/>"), "xacro .* > arm.urdf"),
+    (chain(axis2="0 0 1"), "parallel axes"),
+    (chain(axis2="0 0 0"), "axis of elbow must have a direction"),
+    (HEAVY, "the arm must have inertia"),
+    (chain(elbow="0 0.1 0"), "joints apart.*'shoulder' and 'elbow'"),
+    (chain(tip="0 0 0", centre2="0 0 0").replace("0.02 0 0", "0 0 0"), "frame at its tip"),
+    (chain(elbow="0.4 0.05 0.05"), "link 1 on the line.* beside it"),
+    (WEIGHTLESS, "a mass"),
+    (chain().replace('"one"/><child link="two"/>', '"base"/><child link="two"/>'), "a chain"),
+])  # fmt: skip
 def test_a_file_that_does_not_fit_is_refused(file, text, message):
     with pytest.raises(ValueError, match=message):
         read_robot(file(text))

@@ -120,18 +120,15 @@ def test_an_agent_observes_the_datasheet_of_arm_springs_and_sensors():
         np.testing.assert_allclose(seen[13:], 1e3 * np.array([*interface.noise_std[0], *interface.resolution]))
 
 
-@pytest.mark.parametrize(
-    ("settings", "message"),
-    [
-        ({"action": "torques"}, "unknown action 'torques'; did you mean 'torque'"),
-        ({"base": "cascade"}, "unknown base 'cascade'; did you mean 'cascade-flm'"),
-        ({"action": "blend"}, "second must be a law for a blend alone, and another than base, got ''"),
-        ({"action": "blend", "base": "lqg", "second": "lqg"}, "another than base, got 'lqg'"),
-        ({"memory": -1.0}, "memory must be a finite number not below 0, got -1.0"),
-        ({"history": -1}, "history must be a whole number not below 0, got -1"),
-        ({"scales": (0.1, -1.0, 10.0)}, r"scales\[1\] must be a finite number greater than 0, got -1.0"),
-    ],
-)
+@pytest.mark.parametrize(("settings", "message"), [
+    ({"action": "torques"}, "unknown action 'torques'; did you mean 'torque'"),
+    ({"base": "cascade"}, "unknown base 'cascade'; did you mean 'cascade-flm'"),
+    ({"action": "blend"}, "second must be a law for a blend alone, and another than base, got ''"),
+    ({"action": "blend", "base": "lqg", "second": "lqg"}, "another than base, got 'lqg'"),
+    ({"memory": -1.0}, "memory must be a finite number not below 0, got -1.0"),
+    ({"history": -1}, "history must be a whole number not below 0, got -1"),
+    ({"scales": (0.1, -1.0, 10.0)}, r"scales\[1\] must be a finite number greater than 0, got -1.0"),
+])  # fmt: skip
 def test_wrong_settings_are_refused(settings, message):
     with pytest.raises(ValueError, match=message):
         AdapterSettings(**settings)
@@ -142,14 +139,11 @@ def test_a_torque_is_a_share_of_the_drives_limits():
     np.testing.assert_allclose(torque(1.0, -0.5)[0], env.interface.torque_limit * np.array([1.0, -0.5]))
 
 
-@pytest.mark.parametrize(
-    ("options", "settings", "message"),
-    [
-        ({"action": "torque", "actuator": {"torque_limit": None}}, {}, "actions are shares of torque limits"),
-        ({"scenario": "servo-nominal"}, {}, "sensors of position, velocity, acceleration, got position, velocity"),
-        ({"preview": 4}, {"preview": 0.05}, "needs preview=5, got preview=4"),
-    ],
-)
+@pytest.mark.parametrize(("options", "settings", "message"), [
+    ({"action": "torque", "actuator": {"torque_limit": None}}, {}, "actions are shares of torque limits"),
+    ({"scenario": "servo-nominal"}, {}, "sensors of position, velocity, acceleration, got position, velocity"),
+    ({"preview": 4}, {"preview": 0.05}, "needs preview=5, got preview=4"),
+])  # fmt: skip
 def test_an_agent_that_is_not_applicable_is_refused(options, settings, message):
     with pytest.raises(ValueError, match=f"not applicable: the agent.* {message}"):
         Agent(TwoLinkArmEnv(**options).interface, AdapterSettings(**settings), None)

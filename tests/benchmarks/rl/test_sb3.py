@@ -55,15 +55,12 @@ def rescaled():
     return gymnasium.wrappers.RescaleObservation(TwoLinkArmEnv(), np.float64(-1), np.float64(1))
 
 
-@pytest.mark.parametrize(
-    ("env", "message"),
-    [
-        (rescaled, "observation_space .* -25.1327 to 25.1327, .* got .* of -1 to 1: train .*TwoLinkArmTracking-v0"),
-        (lambda: TwoLinkArmEnv(action="torque"), 'got .* of -2000 to 2000, -800 to 800: train it .*"normalized"'),
-        (lambda: TwoLinkArmTrackingEnv(action="torque"), "got .* of -2000 to 2000, -800 to 800: train it with action="),
-        (lambda: TwoLinkArmEnv(action="acceleration"), 'got .* of -100 to 100: train it with action="normalized"'),
-    ],
-)
+@pytest.mark.parametrize(("env", "message"), [
+    (rescaled, "observation_space .* -25.1327 to 25.1327, .* got .* of -1 to 1: train .*TwoLinkArmTracking-v0"),
+    (lambda: TwoLinkArmEnv(action="torque"), 'got .* of -2000 to 2000, -800 to 800: train it .*"normalized"'),
+    (lambda: TwoLinkArmTrackingEnv(action="torque"), "got .* of -2000 to 2000, -800 to 800: train it with action="),
+    (lambda: TwoLinkArmEnv(action="acceleration"), 'got .* of -100 to 100: train it with action="normalized"'),
+])  # fmt: skip
 def test_an_archive_of_other_observations_or_actions_is_refused(env, message, tmp_path):
     """Although their shapes are those of the environment."""
     _, path = save_model(tmp_path, env())
@@ -92,16 +89,13 @@ def test_an_archive_of_any_algorithm_acts_as_it_was_saved_with_trust_alone(algor
     same_action(resolve(str(path), trust=True).make(env), model, observation)
 
 
-@pytest.mark.parametrize(
-    ("algorithm", "options"),
-    [
-        ("PPO", {}),
-        ("PPO", {"scenario": "servo-delay-2", "preview": 3}),
-        ("PPO", {"scenario": "servo-delay-2", "history": 2, "fine": (0.002, 0.05), "drive": True}),
-        ("PPO", {"scenario": "geared-nominal", "past_actions": 0, "history": 1, "drive": True}),
-        ("RecurrentPPO", {"scenario": "servo-delay-2"}),
-    ],
-)
+@pytest.mark.parametrize(("algorithm", "options"), [
+    ("PPO", {}),
+    ("PPO", {"scenario": "servo-delay-2", "preview": 3}),
+    ("PPO", {"scenario": "servo-delay-2", "history": 2, "fine": (0.002, 0.05), "drive": True}),
+    ("PPO", {"scenario": "geared-nominal", "past_actions": 0, "history": 1, "drive": True}),
+    ("RecurrentPPO", {"scenario": "servo-delay-2"}),
+])  # fmt: skip
 def test_an_archive_of_the_tracking_environment_acts_on_the_arm_as_it_was_saved(algorithm, options, tmp_path):
     tracking = TwoLinkArmTrackingEnv(**options)
     model, path = save_model(tmp_path, tracking, algorithm)

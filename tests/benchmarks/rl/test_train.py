@@ -213,18 +213,15 @@ def test_shipped_hyperparameters_state_their_tuning(algorithm):
     assert len(hyperparameters["tuned"]) > 20
 
 
-@pytest.mark.parametrize(
-    ("changes", "message"),
-    [
-        ({"algorithm": "ppp"}, "unknown algorithm 'ppp'; did you mean 'ppo'"),
-        ({"seed": -1}, "seed must be a whole number not below 0, got -1"),
-        ({"seed": 99999999}, "seed must be 0 to 2146482, since each has 1000 training seeds, got 99999999"),
-        ({"steps": 0}, "steps must be a whole number not below 1, got 0"),
-        ({"hyperparameters": ON_POLICY | {"reward": {"power": 2}}}, "unknown field of hyperparameters.reward 'power'"),
-        ({"minutes": 0}, "minutes must be a finite number greater than 0, got 0"),
-        ({"scenarios": (scenarios.get("servo-lag-2"),)}, r"scenario must be one to train on.*servo-lag-2"),
-    ],
-)
+@pytest.mark.parametrize(("changes", "message"), [
+    ({"algorithm": "ppp"}, "unknown algorithm 'ppp'; did you mean 'ppo'"),
+    ({"seed": -1}, "seed must be a whole number not below 0, got -1"),
+    ({"seed": 99999999}, "seed must be 0 to 2146482, since each has 1000 training seeds, got 99999999"),
+    ({"steps": 0}, "steps must be a whole number not below 1, got 0"),
+    ({"hyperparameters": ON_POLICY | {"reward": {"power": 2}}}, "unknown field of hyperparameters.reward 'power'"),
+    ({"minutes": 0}, "minutes must be a finite number greater than 0, got 0"),
+    ({"scenarios": (scenarios.get("servo-lag-2"),)}, r"scenario must be one to train on.*servo-lag-2"),
+])  # fmt: skip
 def test_wrong_settings_are_refused(changes, message):
     with pytest.raises(ValueError, match=message):
         settings(**changes)
@@ -265,26 +262,18 @@ def test_options_reach_the_agent(short, fbl_gym):
     assert description["scenario"]["name"] == "mixed-error-1"
 
 
-@pytest.mark.parametrize(
-    ("options", "lanes", "arguments", "message"),
-    [
-        ("--scenario mixed-eror-1", 4, {}, "did you mean 'mixed-error"),
-        ("--preview 1e9", 4, {}, "preview must be a finite number not below 0 and not above 100"),
-        ("", 1001, {}, "hyperparameters.lanes must be a whole number not below 1 and not above 1000"),
-        ("", 4, {"n_step": 3}, "hyperparameters.arguments must fit ppo: TypeError"),
-        ("--scenario noise-1", 4, {"n_steps": "x"}, "short.json must have arguments that fit ppo: "),
-        ("--scenario noise-1", 4, {"batch_size": "x"}, "short.json must have arguments that fit ppo: "),
-        ("--scenario noise-1", 4, {"n_epochs": "a"}, "short.json must have arguments that fit ppo: "),
-        ("--scenario noise-1", 4, {"horizon": True}, "horizon must be a finite number greater than 0, got True"),
-        (
-            "--scenario noise-1 --period 0.2",
-            4,
-            {},
-            "more than the time of a decision (--period, or a step), 0.2 s, got 0.1",
-        ),
-        ("--hyperparameters none.json", 4, {}, "none.json must be JSON with an entry 'ppo': JSONDecodeError"),
-    ],
-)
+@pytest.mark.parametrize(("options", "lanes", "arguments", "message"), [
+    ("--scenario mixed-eror-1", 4, {}, "did you mean 'mixed-error"),
+    ("--preview 1e9", 4, {}, "preview must be a finite number not below 0 and not above 100"),
+    ("", 1001, {}, "hyperparameters.lanes must be a whole number not below 1 and not above 1000"),
+    ("", 4, {"n_step": 3}, "hyperparameters.arguments must fit ppo: TypeError"),
+    ("--scenario noise-1", 4, {"n_steps": "x"}, "short.json must have arguments that fit ppo: "),
+    ("--scenario noise-1", 4, {"batch_size": "x"}, "short.json must have arguments that fit ppo: "),
+    ("--scenario noise-1", 4, {"n_epochs": "a"}, "short.json must have arguments that fit ppo: "),
+    ("--scenario noise-1", 4, {"horizon": True}, "horizon must be a finite number greater than 0, got True"),
+    ("--scenario noise-1 --period 0.2", 4, {}, "more than the time of a decision (--period, or a step), 0.2 s, got 0.1"),
+    ("--hyperparameters none.json", 4, {}, "none.json must be JSON with an entry 'ppo': JSONDecodeError"),
+])  # fmt: skip
 def test_a_mistake_is_answered_with_what_is_right(options, lanes, arguments, message, short, fbl_gym):
     content = json.loads((short / "short.json").read_text())["ppo"] | {"lanes": lanes}
     content["arguments"] |= arguments
