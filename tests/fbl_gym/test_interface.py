@@ -6,9 +6,8 @@ import math
 import numpy as np
 import pytest
 
-from controllers import make
 from fbl_gym import TwoLinkArmEnv, TwoLinkArmVectorEnv
-from tests.controllers.closed_loop import tracking
+from tests.controllers.closed_loop import mean_error
 
 IDEAL = TwoLinkArmEnv().interface
 FIELDS = ("delay", "lag", "rate_limit", "latency", "resolution", "noise_std")
@@ -88,12 +87,7 @@ def test_a_datasheet_changes_the_interface_and_no_bit_of_the_arm(name):
     np.testing.assert_equal(vars(truth_told), vars(truth))
 
 
-def errors(told, law):
-    """Return the mean error of a law at a delay of 20 ms [rad]."""
-    env = TwoLinkArmEnv(duration=2.0, actuator={"delay": 0.02}, datasheet=told)
-    return np.abs(tracking(make(law, env), env, env.scenario.steps)[0]).mean()
-
-
 def test_a_predictor_trusts_the_datasheet_and_an_oracle_does_not():
-    assert errors({"delay": 0.01}, "computed-torque+predictor") > 1.5 * errors(None, "computed-torque+predictor")
-    assert errors({"delay": 0.0}, "oracle-flm") == errors(None, "oracle-flm")
+    late, policy = {"actuator": {"delay": 0.02}, "steps": 200, "skip": 0, "lanes": 1}, "computed-torque+predictor"
+    assert mean_error(policy, datasheet={"delay": 0.01}, **late) > 1.5 * mean_error(policy, **late)
+    assert mean_error("oracle-flm", datasheet={"delay": 0.0}, **late) == mean_error("oracle-flm", **late)

@@ -245,8 +245,7 @@ def test_settings_without_a_length_take_the_steps_of_the_hyperparameters():
 @pytest.fixture
 def short(folder):
     """A folder with hyperparameters of a short run."""
-    arguments = {"n_steps": 20, "batch_size": 40, "learning_rate": 1e-3}
-    (folder / "short.json").write_text(json.dumps({"ppo": {"lanes": 4, "steps": 80, "arguments": arguments}}))
+    (folder / "short.json").write_text(json.dumps({"ppo": ON_POLICY | {"steps": 80}}))
     return folder
 
 
