@@ -404,9 +404,6 @@ def test_suites(tmp_path):
     file.write_text("policy = 3\n")
     with pytest.raises(ValueError, match=r"unknown entry of .*mine.toml 'policy'; did you mean 'policies'"):
         load(str(file))
-    file.write_text("policies = [\n")
-    with pytest.raises(ValueError, match="is no TOML"):
-        load(str(file))
     with pytest.raises(ValueError, match="seeds must be a whole number"):
         load("ideal").build(seeds=20_000)
 

@@ -1,6 +1,5 @@
 """Trials find gains, fresh seeds judge them, and `fbl-gym recommend` tunes briefly for a robot's conditions."""
 
-import argparse
 import dataclasses
 import json
 import math
@@ -14,7 +13,6 @@ import optuna
 import pytest
 from optuna.distributions import FloatDistribution
 
-from benchmarks.cli.arguments import bounded
 from benchmarks.policies.spec import resolve
 from benchmarks.run.linearize import linearize
 from benchmarks.run.loop import LEAST_DELAY, LEAST_PHASE
@@ -87,12 +85,6 @@ def test_gains_pay_for_small_margins():
     assert paid - free == pytest.approx(1.0 - min(min(loop.phase) for loop in loops) / 60.0, rel=1e-3)
     assert (paid > free, hopeless) == (True, paid)
     assert dataclasses.replace(task, margins=(0.0, 0.0)).cost(gains)[0] == free
-
-
-@pytest.mark.parametrize("text", ["-5", "nan", "181", "much"])
-def test_a_margin_is_a_number_in_its_range(text):
-    with pytest.raises(argparse.ArgumentTypeError, match=f"from 0 to 180, got '{text}'"):
-        bounded(180.0, text)
 
 
 def studies(folder):

@@ -227,15 +227,12 @@ def test_rl_zoo3_trains_with_the_shipped_file_and_its_archive_is_a_policy(tmp_pa
     assert env.action_space.contains(action)
 
 
-OFF_POLICY = {"learning_starts": 10, "buffer_size": 100}
-
-
 @pytest.mark.parametrize("algorithm", ALGORITHMS)
 def test_the_exported_actor_acts_like_sb3s(algorithm):
     """Equal to single precision, in which SB3 computes; after some learning, so that biases and normalization matter."""
     env = ArmVecEnv(batch(2, AdapterSettings(), "everything-2"))
-    options = {**OFF_POLICY, "seed": 0, "device": "cpu", "learning_rate": 0.01, "policy_kwargs": {"net_arch": [16, 16]}}
-    model = find_class(algorithm)("MlpPolicy", env, **options)
+    options = {"learning_starts": 10, "buffer_size": 100, "seed": 0, "device": "cpu", "learning_rate": 0.01}
+    model = find_class(algorithm)("MlpPolicy", env, policy_kwargs={"net_arch": [16, 16]}, **options)
     model.learn(64)
     observations = np.random.default_rng(0).uniform(-2, 2, (200, 12)).astype(np.float32)
     actions = model.predict(observations, deterministic=True)[0]
@@ -288,8 +285,10 @@ def test_attributes_methods_and_autoreset_follow_sb3():
     assert env.get_attr("render_mode") == [None] * LANES
     assert env.get_attr("interface", indices=1) == [env._batch.envs[0].interface]
     batches = [TwoLinkArmVectorEnv(2, name, autoreset_mode="SameStep") for name in ("nominal", "everything-2")]
-    scenarios = ArmVecEnv(*batches).get_attr("scenario", [1, 2])
-    assert [scenario.name for scenario in scenarios] == ["nominal", "everything-2"]
+    several = ArmVecEnv(*batches)
+    assert [scenario.name for scenario in several.get_attr("scenario", [1, 2])] == ["nominal", "everything-2"]
+    several.seed(1)  # for each of them
+    np.testing.assert_array_equal(several.reset(), np.concatenate([each.reset(seed=1)[0] for each in batches]))
     assert env.env_is_wrapped(gymnasium.wrappers.TimeLimit) == [False] * LANES
     assert not env.has_attr("no_such_thing")
     for change in (lambda: env.set_attr("scenario", None), lambda: env.env_method("reset")):

@@ -26,7 +26,7 @@ from fbl_gym import TwoLinkArmVectorEnv, scenarios
 from tests.benchmarks.rl.agents import batch
 
 SCENARIO = scenarios.get("everything-2").replace(duration=0.2)
-SIMPLE = AdapterSettings(sensors=("position", "velocity"))
+PLAIN = AdapterSettings(sensors=("position", "velocity"))
 ON_POLICY = {"lanes": 4, "steps": 640, "arguments": {"n_steps": 20, "batch_size": 40, "learning_rate": 1e-3}}
 OFF_POLICY = {"lanes": 4, "steps": 200, "arguments": {"learning_starts": 20, "buffer_size": 300, "learning_rate": 1e-3}}
 
@@ -103,7 +103,7 @@ def test_a_run_trains_on_the_motions_of_its_scenarios_and_on_others_that_no_boar
 
 
 def test_the_value_sees_the_real_arm_and_the_agent_does_not():
-    env = batch(3, SIMPLE, "servo-practice-everything-3", duration=0.05)
+    env = batch(3, PLAIN, "servo-practice-everything-3", duration=0.05)
     learner = PPO([env], 0, learning_rate=1e-3)
     model, x = learner._model, learner._now
     model.watch(x + torch.randn(100, *x.shape).mul(0.1).flatten(0, 1)[: len(x)])
@@ -120,13 +120,13 @@ def test_the_value_sees_the_real_arm_and_the_agent_does_not():
 
 def test_the_discount_is_that_of_the_horizon_in_each_batch():
     """A time in seconds, so that a batch with shorter steps has a discount nearer to 1."""
-    envs = [batch(2, SIMPLE, f"{robot}-practice-nominal", duration=0.03) for robot in ("servo", "geared")]
+    envs = [batch(2, PLAIN, f"{robot}-practice-nominal", duration=0.03) for robot in ("servo", "geared")]
     learner = PPO(envs, 0, learning_rate=1e-3, horizon=0.1)
     np.testing.assert_allclose(learner._gamma, [0.9, 0.9, 0.99, 0.99], rtol=1e-6)
 
 
 def test_an_episode_that_time_ends_has_its_last_observation():
-    lanes = _Arms([batch(2, SIMPLE, "servo-practice-nominal", duration=0.03)])
+    lanes = _Arms([batch(2, PLAIN, "servo-practice-nominal", duration=0.03)])
     lanes.reset(0)
     seen, _, _, cut, last = zip(*(lanes.step(np.full((2, 2), 0.1, np.float32)) for _ in range(3)), strict=True)
     assert [each.tolist() for each in cut] == [[False] * 2, [False] * 2, [True] * 2]
@@ -182,23 +182,20 @@ def test_a_stopped_run_goes_on_and_a_finished_one_is_extended(algorithm, tmp_pat
 
 
 class Marker:
-    """An object whose pickle, when it is loaded, makes a file."""
-
-    def __init__(self, path):
-        self.path = path
+    """An object whose pickle, when it is loaded, makes a file in the current folder."""
 
     def __reduce__(self):
-        return Path.touch, (self.path,)
+        return Path.touch, (Path("marker"),)
 
 
-def test_a_resumed_folder_runs_no_code(tmp_path):
+def test_a_resumed_folder_runs_no_code(folder):
     """Whatever file of a run has been exchanged."""
-    train(settings("td3"), tmp_path / "run", evaluations=1)
-    for name in {path.name for path in (tmp_path / "run").glob("*.p*")} | {"buffer.pkl", "checkpoint.pt"}:
-        (tmp_path / "run" / name).write_bytes(pickle.dumps(Marker(tmp_path / "marker")))
+    train(settings("td3"), folder / "run", evaluations=1)
+    for name in {path.name for path in (folder / "run").glob("*.p*")} | {"buffer.pkl", "checkpoint.pt"}:
+        (folder / "run" / name).write_bytes(pickle.dumps(Marker()))
     with pytest.raises(ValueError, match="cannot be resumed"):
-        train(settings("td3", steps=400), tmp_path / "run", evaluations=1)
-    assert not (tmp_path / "marker").exists()
+        train(settings("td3", steps=400), folder / "run", evaluations=1)
+    assert not (folder / "marker").exists()
 
 
 def test_a_run_of_some_processor_time_ends(tmp_path):
