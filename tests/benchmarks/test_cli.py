@@ -51,7 +51,7 @@ FEW = "--policies zero --scenarios nominal --seeds 1 --workers 1"
     ("check-policy controllers.nomod:f", "but there is no module controllers.nomod, installed or in "),
     ("check-policy controllers.laws.simple:Zeros", "factory of controllers.laws.simple 'Zeros'; did you mean 'Zero'"),
     ("tune controllers.laws.simple:PdGravity --ship", "--ship is for the laws that fbl-gym comes with, got 'contr"),
-    *[(f"tune pid-flm --least-phase {x}", f"from 0 to 180, got '{x}'") for x in ("-5", "nan", "181", "much")],
+    *[(f"tune zero --least-phase {x}", f"from 0 to 180, got '{x}'") for x in ("-5", "nan", "181", "much")],
     ("tune pid-flm --seeds 9999", "there are 10000 tuning seeds"),
     ("tune pid-flm --storage results", "storage must be a URL such as sqlite:///"),
     ("tune pid-flm --scenarios servo-noise-2", "its motion is the board's"),

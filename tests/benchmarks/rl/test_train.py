@@ -267,7 +267,8 @@ def test_options_reach_the_agent(short, fbl_gym):
     ("--scenario noise-1", 4, {"batch_size": "x"}, "short.json must have arguments that fit ppo: "),
     ("--scenario noise-1", 4, {"n_epochs": "a"}, "short.json must have arguments that fit ppo: "),
     ("--scenario noise-1", 4, {"horizon": True}, "horizon must be a finite number greater than 0, got True"),
-    ("--scenario noise-1 --period 0.2", 4, {}, "more than the time of a decision (--period, or a step), 0.2 s, got 0.1"),
+    ("--scenario noise-1 --period 0.2", 4, {},
+     "more than the time of a decision (--period, or a step), 0.2 s, got 0.1"),
     ("--hyperparameters none.json", 4, {}, "none.json must be JSON with an entry 'ppo': JSONDecodeError"),
 ])  # fmt: skip
 def test_a_mistake_is_answered_with_what_is_right(options, lanes, arguments, message, short, fbl_gym):
