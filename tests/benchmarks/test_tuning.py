@@ -11,7 +11,6 @@ from pathlib import Path
 import numpy as np
 import optuna
 import pytest
-from optuna.distributions import FloatDistribution
 
 from benchmarks.policies.spec import resolve
 from benchmarks.run.linearize import linearize
@@ -38,9 +37,9 @@ TRIALS = ((None, 1.0, (0.5, 0.0)), (100.0, -3.0, (0.9, 4.0)), (50.12345, -2.0, (
 @pytest.fixture
 def study():
     found = optuna.create_study()
-    ends = optuna.distributions.FloatDistribution(1.0, 1000.0)
+    reach = optuna.distributions.FloatDistribution(1.0, 1000.0)
     for kp, value, _ in TRIALS:
-        own = {} if kp is None else {"params": {"kp": kp}, "distributions": {"kp": ends}}
+        own = {} if kp is None else {"params": {"kp": kp}, "distributions": {"kp": reach}}
         found.add_trial(optuna.trial.create_trial(value=value, **own))
     return found
 
@@ -337,7 +336,7 @@ def test_brief_tuning_improves_a_law_and_goes_on():
     assert names in ([f"pd-gravity@{gains / 'short'}"], ["pd-gravity@servo"])
     study = search.open_study(dataclasses.replace(task, seeds=range(1)), storage)
     study.enqueue_trial(dict.fromkeys(task.ranges, 10.0))
-    study.tell(study.ask(dict.fromkeys(task.ranges, FloatDistribution(1.0, 1e3))), -9.0)
+    study.tell(study.ask(dict.fromkeys(task.ranges, optuna.distributions.FloatDistribution(1.0, 1e3))), -9.0)
     new = brief.write_best(dataclasses.replace(task, seeds=range(1)), storage, gains, "")
     assert new == f"pd-gravity@{gains}"
     assert resolve(new).parsed.given_gains == dict.fromkeys(task.ranges, 10.0)
