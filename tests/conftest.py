@@ -5,6 +5,7 @@ import os
 import pytest
 
 os.environ["OMP_NUM_THREADS"] = "1"  # several workers with several threads each wait for each other
+os.environ["SDL_VIDEODRIVER"] = "dummy"  # windows go nowhere
 
 
 @pytest.fixture(scope="session", autouse=True)

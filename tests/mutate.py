@@ -19,11 +19,7 @@ TARGETS = {
 }
 """Functions by their file."""
 
-TESTS = {
-    "arm.py": ("arm",),
-    "physics.py": ("physics", "friction"),
-    "chain.py": ("flexible", "mujoco"),
-}
+TESTS = {"arm.py": ("arm",), "physics.py": ("physics", "friction"), "chain.py": ("flexible", "mujoco")}
 """Names of the files of tests that must fail, by the name of that file."""
 
 

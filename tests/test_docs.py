@@ -1,4 +1,4 @@
-"""The documentation is true: its code and commands run, and its links lead somewhere.
+"""The documentation is true: its code, commands and examples run, and its links lead somewhere.
 
 A page runs from top to bottom in one folder, which has the files of the pages that it links to. Each Python
 block has a namespace of its own, and Bash expands each shell block. A block that no test can run says so in
@@ -175,9 +175,10 @@ SHORTER = {
     "range(10, 14)": "range(1)", "trial in range(400)": "trial in range(4)", '-practice", (1, 3))': '-practice", (3,))[:1]',
     '"computed-torque-dob", "sliding-mode", "lqg"': "", "0 1 2 3 4 5 6 7 8 9": "0 1", "--minutes 0.667": "",
     "--trials 10": "--trials 2", "board_coverage 512": "board_coverage 2", "30,25,20,15,10": "30,10",
-    " direct-practice geared-practice": "",
+    " direct-practice geared-practice": "", "seeds=16": "seeds=2", "seeds=8": "seeds=2", "4096, 500": "16, 5",
+    "(0.0, 0.005, 0.01, 0.015, 0.02)": "(0.0, 0.01)",
 }  # fmt: skip
-"""What makes the code of a page short."""
+"""What makes the code of a page and of an example short."""
 
 SHORT = {
     "evaluate": "--seeds 2",
@@ -301,8 +302,31 @@ def test_a_page_runs(page):
                 exec(compile(text, str(block), "exec"), names)
 
 
+EXAMPLES = {path.stem: path.read_text() for path in sorted((ROOT / "examples").glob("*.py"))}
+ELSEWHERE = {"swing_up", "train_sb3", "run_on_robot", "priced_ppo", "class_speed"}
+"""Examples that pages run, and `controllers/test_runner.py`."""
+
+ARGUMENTS = {
+    "offline_data": "pd-gravity data.npz", "wrong_datasheet": "geared zero", "adjust_gains": "servo pd-gravity",
+    "markov": "nominal", "ppo_batch": "--updates 2 --lanes 8 --steps 510 --epochs 1",  # beyond the end of an episode
+}  # fmt: skip
+PRINTED = {
+    "adjust_gains": r"pd-gravity: \d+ degrees, [\d.]+ samples, error [\d.]+ %",
+    "ppo_batch": r"8,160 steps .* error [1-9]\d{0,3}(\.\d+)? mrad, ([12]?\d|3[0-2]) of 32",
+}
+
+
+@pytest.mark.parametrize("name", [name for name in EXAMPLES if name not in ELSEWHERE])
+@pytest.mark.usefixtures("folder")
+def test_an_example_runs(name, capsys):
+    if "import torch" in EXAMPLES[name]:
+        pytest.importorskip("torch")
+    run("python", f"examples/{name}.py", *ARGUMENTS.get(name, "").split())
+    assert re.search(PRINTED.get(name, "."), capsys.readouterr().out)
+
+
 def test_what_shortens_a_page_is_on_a_page():
-    texts = [*PAGES.values(), *(path.read_text() for path in (ROOT / "examples").glob("*.py"))]
+    texts = [*PAGES.values(), *EXAMPLES.values()]
     assert [long for long in SHORTER if not any(long in text for text in texts)] == []
     assert {f"docs/{page}.md" for page in SLOW + SLOWEST} <= {*PAGES}
 

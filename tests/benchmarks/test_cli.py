@@ -20,68 +20,71 @@ from benchmarks.run.runner import run_cell
 from benchmarks.run.suite import SHORT_SEEDS, SUITES, load
 from fbl_gym import scenarios
 
+FEW = "--policies zero --scenarios nominal --seeds 1 --workers 1"
 
-@pytest.mark.parametrize(
-    ("line", "message"),
-    [
-        ("evaluate cascade-fl", "unknown policy 'cascade-fl'; did you mean 'cascade-flm'? Nearest: "),
-        ("evaluate pid-flm@tund", "did you mean 'pid-flm@tuned'"),
-        ("evaluate zero --scenario mixed-eror-2", "did you mean 'mixed-error-2'"),
-        ("evaluate zero --senario=nominal", "did you mean '--scenario'"),
-        ("evaluate zero --plot trace.bmp", "must end in .png or .svg or .pdf, got 'trace.bmp'"),
-        ("evaluate zero --plot /dev/null/x.png", "must be a file that can be written, got '/dev/null/x.png': none can"),
-        ("evaluate zero --seeds 10001", "must be at most 10000, the test seeds there are, got '10001'"),
-        ("leaderboard --policies zero ./", "a folder with an agent.json, got './'"),
-        ("evaluate zero --trials 2 --trace a.csv", "--trace is for one trial, got --trials 2"),
-        ("evaluate zero --csv runs.txt", "must end in .csv, got 'runs.txt'"),
-        ("leaderboard --suite idael", "unknown suite 'idael'; did you mean 'ideal'"),
-        ("leaderboard --suite lost.toml", "fbl-gym: No such file or directory: lost.toml"),
-        ("leaderboard --scenarios mass-eror", "unknown scenario or family 'mass-eror'; did you mean 'mass-error'"),
-        ("list policy", "invalid choice: 'policy' (choose from "),
-        ("report --store nowhere", "nowhere lacks these results: run `fbl-gym leaderboard`"),
-        ("tune zero", "zero has nothing to tune"), ("identify", "give the logs"), ("show ''", "unknown scenario ''"),
-        ("reproduce --only figure-77", "unknown claim 'figure-77'; did you mean 'figure-7'"),
-        ("leaderbord", "did you mean 'leaderboard'"), ("leaderboard --workers 99999", "must be at most "),
-        ("evaluate zero --seeds 0", "must be a whole number, 1 or more, got '0'"),
-        *[(f"leaderboard --cell-{x}", "must be a finite number") for x in ("timeout nan", "memory -1")],
-        ("leaderboard --world mujoco --tex table.tex", "--tex is for one board"),
-        ("evaluate os:getcwd --seeds 1", "getcwd makes no policy: it must take the interface"),
-        ("check-policy nowhere.py", "there is no file nowhere.py"),
-        ("check-policy .nomod:f", "must name a module as in an import, such as my_laws.pd, got '.nomod'"),
-        ("check-policy controllers.nomod:f", "but there is no module controllers.nomod, installed or in "),
-        ("check-policy controllers.laws.simple:Zeros", "factory of controllers.laws.simple 'Zeros'; did you mean 'Zero'"),
-        ("tune controllers.laws.simple:PdGravity --ship", "--ship is for the laws that fbl-gym comes with, got 'contr"),
-        ("tune pid-flm --seeds 9999", "there are 10000 tuning seeds"),
-        ("tune pid-flm --storage results", "storage must be a URL such as sqlite:///"),
-        ("tune pid-flm --scenarios servo-noise-2", "its motion is the board's"),
-        *[
-            (f"sweep zero --over {x}", "must be such as noise.position=1e-4:1e-2:log:9")
-            for x in map("friction.coulomb={}".format, ("1:2:log", "1/2/3", "x1/2", "1/"))
-        ],
-        *[(f"sweep zero --over {x}", "must name an option") for x in ("=1,2", "name=1,2", "description=1")],
-        *[(f"sweep zero --over arm.m1={x}:1:log:3", "must have ends above 0 for log") for x in (0, -1)],
-        ("sweep zero --over noise.position=0.0010000001,0.0010000002", "values that differ in their first six digits"),
-        ("sweep zero --over nois.position=1,2", "unknown field of scenario 'nois'; did you mean 'noise'"),
-        ("sweep zero --over arm.m1=1 --over arm.m1=2", "must name options that are no part of each other, got arm.m1"),
-        *[(f"identify --plan a.csv --start servo-{x}", "must have rigid j") for x in ("surprise-bend", "elastic-1")],
-        ("identify --plan plan.csv --amplitude -1 1", "amplitude[0] must be a finite number greater than 0 and not above"),
-        *[(f"identify --plan a.csv --amplitude 1 {x}", "amplitude[1] must be a finite number") for x in ("nan", "1e300")],
-        *[(f"identify --plan a.csv --speed {x}", "speed must be a finite number greater than 0") for x in ("inf", "-1")],
-        ("identify --validate none.csv", "No such file or directory: none.csv"),
-        ("leaderboard --suite lists.toml", "policies of lists.toml must be a list of names, got []"),
-        ("sweep zero --over noise.position=1:2:log:10001", "must be at most 10000, got '10001'"),
-        ("sweep zero --over arm.m1=1:2:lin:999 --over arm.m2=1:2:lin:999", "at most 100000 cells, policies times values"),
-        ("tune pid-flm --trials 1000000000", "must be at most 1000000, got '1000000000'"),
-        ("evaluate zero --csv folder.csv", "must be a file, got 'folder.csv', which is a folder"),
+
+@pytest.mark.parametrize(("line", "message"), [
+    ("evaluate cascade-fl", "unknown policy 'cascade-fl'; did you mean 'cascade-flm'? Nearest: "),
+    ("evaluate pid-flm@tund", "did you mean 'pid-flm@tuned'"),
+    ("evaluate zero --scenario mixed-eror-2", "did you mean 'mixed-error-2'"),
+    ("evaluate zero --senario=nominal", "did you mean '--scenario'"),
+    ("evaluate zero --plot trace.bmp", "must end in .png or .svg or .pdf, got 'trace.bmp'"),
+    ("evaluate zero --plot /dev/null/x.png", "must be a file that can be written, got '/dev/null/x.png': none can"),
+    ("evaluate zero --seeds 10001", "must be at most 10000, the test seeds there are, got '10001'"),
+    ("leaderboard --policies zero ./", "a folder with an agent.json, got './'"),
+    ("evaluate zero --trials 2 --trace a.csv", "--trace is for one trial, got --trials 2"),
+    ("evaluate zero --csv runs.txt", "must end in .csv, got 'runs.txt'"),
+    ("leaderboard --suite idael", "unknown suite 'idael'; did you mean 'ideal'"),
+    ("leaderboard --suite lost.toml", "fbl-gym: No such file or directory: lost.toml"),
+    ("leaderboard --scenarios mass-eror", "unknown scenario or family 'mass-eror'; did you mean 'mass-error'"),
+    ("list policy", "invalid choice: 'policy' (choose from "),
+    ("report --store nowhere", "nowhere lacks these results: run `fbl-gym leaderboard`"),
+    ("tune zero", "zero has nothing to tune"), ("identify", "give the logs"), ("show ''", "unknown scenario ''"),
+    ("reproduce --only figure-77", "unknown claim 'figure-77'; did you mean 'figure-7'"),
+    ("leaderbord", "did you mean 'leaderboard'"), ("leaderboard --workers 99999", "must be at most "),
+    ("evaluate zero --seeds 0", "must be a whole number, 1 or more, got '0'"),
+    *[(f"leaderboard --cell-{x}", "must be a finite number") for x in ("timeout nan", "memory -1")],
+    ("leaderboard --world mujoco --tex table.tex", "--tex is for one board"),
+    ("evaluate os:getcwd --seeds 1", "getcwd makes no policy: it must take the interface"),
+    ("check-policy nowhere.py", "there is no file nowhere.py"),
+    ("check-policy .nomod:f", "must name a module as in an import, such as my_laws.pd, got '.nomod'"),
+    ("check-policy controllers.nomod:f", "but there is no module controllers.nomod, installed or in "),
+    ("check-policy controllers.laws.simple:Zeros", "factory of controllers.laws.simple 'Zeros'; did you mean 'Zero'"),
+    ("tune controllers.laws.simple:PdGravity --ship", "--ship is for the laws that fbl-gym comes with, got 'contr"),
+    *[(f"tune zero --least-phase {x}", f"from 0 to 180, got '{x}'") for x in ("-5", "nan", "181", "much")],
+    ("tune pid-flm --seeds 9999", "there are 10000 tuning seeds"),
+    ("tune pid-flm --storage results", "storage must be a URL such as sqlite:///"),
+    ("tune pid-flm --scenarios servo-noise-2", "its motion is the board's"),
+    *[
+        (f"sweep zero --over {x}", "must be such as noise.position=1e-4:1e-2:log:9")
+        for x in map("friction.coulomb={}".format, ("1:2:log", "1/2/3", "x1/2", "1/"))
     ],
-)  # fmt: skip
+    *[(f"sweep zero --over {x}", "must name an option") for x in ("=1,2", "name=1,2", "description=1")],
+    *[(f"sweep zero --over arm.m1={x}:1:log:3", "must have ends above 0 for log") for x in (0, -1)],
+    ("sweep zero --over noise.position=0.0010000001,0.0010000002", "values that differ in their first six digits"),
+    ("sweep zero --over nois.position=1,2", "unknown field of scenario 'nois'; did you mean 'noise'"),
+    ("sweep zero --over arm.m1=1 --over arm.m1=2", "must name options that are no part of each other, got arm.m1"),
+    *[(f"identify --plan a.csv --start servo-{x}", "must have rigid j") for x in ("surprise-bend", "elastic-1")],
+    ("identify --plan plan.csv --amplitude -1 1", "amplitude[0] must be a finite number greater than 0 and not above"),
+    *[(f"identify --plan a.csv --amplitude 1 {x}", "amplitude[1] must be a finite number") for x in ("nan", "1e300")],
+    *[(f"identify --plan a.csv --speed {x}", "speed must be a finite number greater than 0") for x in ("inf", "-1")],
+    ("identify --validate none.csv", "No such file or directory: none.csv"),
+    (f"leaderboard {FEW} --suite ideal ideal.toml", "--suite must give suites of different names, got ideal, ideal"),
+    ("leaderboard --suite lists.toml", "policies of lists.toml must be a list of names, got []"),
+    ("sweep zero --over noise.position=1:2:log:10001", "must be at most 10000, got '10001'"),
+    ("sweep zero --over arm.m1=1:2:lin:999 --over arm.m2=1:2:lin:999", "at most 100000 cells, policies times values"),
+    ("tune pid-flm --trials 1000000000", "must be at most 1000000, got '1000000000'"),
+    ("evaluate zero --csv folder.csv", "must be a file, got 'folder.csv', which is a folder"),
+])  # fmt: skip
 def test_a_mistake_is_answered_with_what_is_right(line, message, folder, fbl_gym):
     (folder / "folder.csv").mkdir()
     (folder / "lists.toml").write_text("policies = []\nscenarios = []\n")
+    (folder / "ideal.toml").write_text('policies = ["zero"]\nscenarios = ["nominal"]\n')
+    before = {*folder.iterdir()}
     shown = fbl_gym(line, 2)
     assert message in shown.err
     assert shown.out == ""
-    assert {path.name for path in folder.iterdir()} <= {"folder.csv", "lists.toml", "results"}
+    assert {*folder.iterdir()} <= {*before, folder / "results"}
 
 
 def test_a_mistake_in_a_file_is_one_line(folder, fbl_gym):
@@ -141,13 +144,10 @@ def test_evaluate_prints_the_metrics_that_there_are(fbl_gym):
     assert every.count(" - ") >= 7
 
 
-@pytest.mark.parametrize(
-    ("option", "label"),
-    [
-        ("noise.position", "noise.position [rad]"), ("noise.velocity.bias", "noise.velocity.bias [rad/s]"),
-        ("joint", "joint [N m/rad]"), ("arm.m2", "arm.m2 [kg]"), ("encoder", "encoder"),
-    ],
-)  # fmt: skip
+@pytest.mark.parametrize(("option", "label"), [
+    ("noise.position", "noise.position [rad]"), ("noise.velocity.bias", "noise.velocity.bias [rad/s]"),
+    ("joint", "joint [N m/rad]"), ("arm.m2", "arm.m2 [kg]"), ("encoder", "encoder"),
+])  # fmt: skip
 def test_a_sweep_names_the_unit_of_its_option(option, label):
     assert sweep._label(option, factor=False) == label
     assert sweep._label(option, factor=True) == f"factor on {option}"
@@ -216,12 +216,9 @@ sys.exit(cli.main(sys.argv[1:]))
 """
 
 
-@pytest.mark.parametrize(
-    ("line", "extra"),
-    [
-        ("list", ""), ("doctor", ""), ("margins pid-flm", "bench"), ("tune pid-flm", "analysis"),
-    ],
-)  # fmt: skip
+@pytest.mark.parametrize(("line", "extra"), [
+    ("list", ""), ("doctor", ""), ("margins pid-flm", "bench"), ("tune pid-flm", "analysis"),
+])  # fmt: skip
 def test_first_commands_need_no_extra_and_others_name_theirs(line, extra, tmp_path):
     absent = "[cli.EXTRAS['analysis']]" if extra == "analysis" else "cli.EXTRAS.values()"
     code = WITHOUT_EXTRAS.replace("cli.EXTRAS.values()", absent)

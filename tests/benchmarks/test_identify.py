@@ -73,23 +73,20 @@ HEADER, DEGREES = ",".join(NAMES), 180 / np.pi
 ROS = "%time,field.position0,field.position1,/joint_states/effort[0],/joint_states/effort[1]"
 
 
-@pytest.mark.parametrize(
-    ("change", "factors", "signals"),
-    [
-        (lambda t: "\ufeff# my robot, 2026\n" + t, 1, []),
-        (lambda t: t.replace(",", ";").replace(".", ","), 1, []),
-        (lambda t: t.replace(",", "\t").replace("\n", "\r\n"), 1, []),
-        (lambda t: "# " + t.replace(",", " "), 1, []),
-        (lambda t: t.partition("\n")[2], 1, ["time=0", "position=1,2", "torque=3,4"]),
-        (lambda t: t.replace("time_s", "time [s]"), 1, ["time=time [s]"]),
-        (lambda t: t, [1e3, 1, 1, 1, 1], []),
-        (lambda t: t.replace("time_s", "stamp_us"), [1e6, 1, 1, 1, 1], ["time=stamp_us"]),
-        (lambda t: t, [1, DEGREES, DEGREES, -1, 1 / 0.091], ["position=deg", "torque=-torque_1_Nm,0.091*torque_2_Nm"]),
-        (lambda t: t.replace(HEADER, "t,a,b,tau1,tau2"), [1, DEGREES, 1, -1, -1], ["torque=-tau", "position=deg*a,b"]),
-        (lambda t: t.replace(HEADER, ROS), 1, []),
-        (lambda t: t.replace(HEADER, "t,q1,q2,u1,u2"), [1, 1, 1, 0.1, 0.1], ["torque=10*A"]),
-    ],
-)  # fmt: skip
+@pytest.mark.parametrize(("change", "factors", "signals"), [
+    (lambda t: "\ufeff# my robot, 2026\n" + t, 1, []),
+    (lambda t: t.replace(",", ";").replace(".", ","), 1, []),
+    (lambda t: t.replace(",", "\t").replace("\n", "\r\n"), 1, []),
+    (lambda t: "# " + t.replace(",", " "), 1, []),
+    (lambda t: t.partition("\n")[2], 1, ["time=0", "position=1,2", "torque=3,4"]),
+    (lambda t: t.replace("time_s", "time [s]"), 1, ["time=time [s]"]),
+    (lambda t: t, [1e3, 1, 1, 1, 1], []),
+    (lambda t: t.replace("time_s", "stamp_us"), [1e6, 1, 1, 1, 1], ["time=stamp_us"]),
+    (lambda t: t, [1, DEGREES, DEGREES, -1, 1 / 0.091], ["position=deg", "torque=-torque_1_Nm,0.091*torque_2_Nm"]),
+    (lambda t: t.replace(HEADER, "t,a,b,tau1,tau2"), [1, DEGREES, 1, -1, -1], ["torque=-tau", "position=deg*a,b"]),
+    (lambda t: t.replace(HEADER, ROS), 1, []),
+    (lambda t: t.replace(HEADER, "t,q1,q2,u1,u2"), [1, 1, 1, 0.1, 0.1], ["torque=10*A"]),
+])  # fmt: skip
 def test_logs_as_people_have_them(rows, tmp_path, change, factors, signals):
     first = read(write(tmp_path / "run.csv", rows[0]))
     path = write(tmp_path / "other.csv", rows[0] * factors)
@@ -113,18 +110,15 @@ def test_logs_of_matlab_and_traces(rows, tmp_path):
             read(trace, columns([text]))
 
 
-@pytest.mark.parametrize(
-    ("damage", "message"),
-    [
-        (lambda r: np.delete(r, slice(1000, 1100), axis=0), r"gap of 0\.2.*before line 1002"),
-        (lambda r: r * [1, 1, 0, 1, 1], "position 2 does not change.*unplugged"),
-        (lambda r: np.concatenate([r, r]), "1 rows do not, first line 3002"),
-        (lambda r: np.where(np.arange(len(r))[:, None] == 7, np.nan, r), "finite.*line 9"),
-        (lambda r: r + np.outer(np.arange(len(r)) > 50, [0, 6.3, 0, 0, 0]), "position 1 must not jump.*unwrapped, or degrees"),
-        (lambda r: r * np.where(np.arange(len(r))[:, None] < np.abs(r[:, 2]).argmax(), 1, [1, 1, 0, 1, 1]), "unplugged"),
-        (lambda r: r[:50], "200 samples"), (lambda r: r[:900], "at least 2 s"),
-    ],
-)  # fmt: skip
+@pytest.mark.parametrize(("damage", "message"), [
+    (lambda r: np.delete(r, slice(1000, 1100), axis=0), r"gap of 0\.2.*before line 1002"),
+    (lambda r: r * [1, 1, 0, 1, 1], "position 2 does not change.*unplugged"),
+    (lambda r: np.concatenate([r, r]), "1 rows do not, first line 3002"),
+    (lambda r: np.where(np.arange(len(r))[:, None] == 7, np.nan, r), "finite.*line 9"),
+    (lambda r: r + np.outer(np.arange(len(r)) > 50, [0, 6.3, 0, 0, 0]), "position 1 must not jump.*unwrapped, or degrees"),
+    (lambda r: r * np.where(np.arange(len(r))[:, None] < np.abs(r[:, 2]).argmax(), 1, [1, 1, 0, 1, 1]), "unplugged"),
+    (lambda r: r[:50], "200 samples"), (lambda r: r[:900], "at least 2 s"),
+])  # fmt: skip
 def test_a_damaged_log_is_refused(rows, tmp_path, damage, message):
     with pytest.raises(ValueError, match=message):
         read(write(tmp_path / "bad.csv", damage(rows[0])))
@@ -159,18 +153,15 @@ def test_logs_of_two_robots_or_rates_are_refused(files, tmp_path):
         windows([logs[0], dataclasses.replace(logs[1], dt=2 * logs[1].dt)])
 
 
-@pytest.mark.parametrize(
-    ("change", "message"),
-    [
-        (lambda r: r * [1, 1, 1, 0, 0], "torques must not all be zero"),
-        (lambda r: r * [1, 1e-4, 1e-4, 1, 1], "must move, but rests"),
-        (lambda r: r * [1, 1, 1, 1, -1], "check the sign of torque 2"),
-        (lambda r: r * [1, -1, -1, 1, 1], "check the signs of both positions"),
-        (lambda r: r[:, [0, 2, 1, 4, 3]], "check the order of the joints"),
-        (lambda r: r + [0, np.pi / 2, 0, 0, 0], "check the zeros of the angles, -1.5708 and"),
-        (lambda r: r * [1, 1, 1, 11, 11], "p4 is 10.5 times that of --start. Check units"),
-    ],
-)  # fmt: skip
+@pytest.mark.parametrize(("change", "message"), [
+    (lambda r: r * [1, 1, 1, 0, 0], "torques must not all be zero"),
+    (lambda r: r * [1, 1e-4, 1e-4, 1, 1], "must move, but rests"),
+    (lambda r: r * [1, 1, 1, 1, -1], "check the sign of torque 2"),
+    (lambda r: r * [1, -1, -1, 1, 1], "check the signs of both positions"),
+    (lambda r: r[:, [0, 2, 1, 4, 3]], "check the order of the joints"),
+    (lambda r: r + [0, np.pi / 2, 0, 0, 0], "check the zeros of the angles, -1.5708 and"),
+    (lambda r: r * [1, 1, 1, 11, 11], "p4 is 10.5 times that of --start. Check units"),
+])  # fmt: skip
 def test_a_fit_that_means_nothing_is_refused(rows, tmp_path, monkeypatch, change, message):
     monkeypatch.setattr(fitting, "FOLDS", 2)
     log = read(write(tmp_path / "wrong.csv", change(rows[0])))

@@ -92,15 +92,12 @@ def test_the_key_follows_the_package_of_an_external_policy(folder, tmp_path, mon
     assert "k.txt, which its key does not cover" in run_cell(Cell("theirs", "nominal", (0,))).error
 
 
-@pytest.mark.parametrize(
-    ("declares", "error"),
-    [
-        ("kind = 'foo'", "kind"), ("access = 'all'", "access"), ("preview = 'far'", "must be a finite number not below 0"),
-        *[(f"preview = float('{x}')", "preview of ") for x in ("nan", "1e9")],
-        *[(f"data_files = ('{x}',)", f"must exist, but there is no file '{x}'") for x in ("K.txt", "weights/*.bin")],
-        ("data_files = (1,)", "data_files of"), ("data_files = 'gain.txt'", "data_files of"),
-    ],
-)  # fmt: skip
+@pytest.mark.parametrize(("declares", "error"), [
+    ("kind = 'foo'", "kind"), ("access = 'all'", "access"), ("preview = 'far'", "must be a finite number not below 0"),
+    *[(f"preview = float('{x}')", "preview of ") for x in ("nan", "1e9")],
+    *[(f"data_files = ('{x}',)", f"must exist, but there is no file '{x}'") for x in ("K.txt", "weights/*.bin")],
+    ("data_files = (1,)", "data_files of"), ("data_files = 'gain.txt'", "data_files of"),
+])  # fmt: skip
 def test_a_wrong_declaration_is_a_failed_cell(declares, error, tmp_path):
     (tmp_path / "law.py").write_text(f"{SUBCLASS}    access = 'oracle'\n    {declares}\n")
     result = run_cell(cell := Cell(str(tmp_path / "law.py"), "nominal", (0,)))
@@ -140,18 +137,15 @@ def edit(monkeypatch, module):
     monkeypatch.setattr(keys, "shared", keys.shared.__wrapped__)
 
 
-@pytest.mark.parametrize(
-    ("policy", "module", "stale"),
-    [
-        ("pid-flm", "controllers.paper.pid", True), ("pid-flm", "fbl_gym.kernel.arm.physics", True),
-        ("pid-flm", "benchmarks.run.metrics", True), ("pid-flm", "benchmarks.run.loop", True),
-        ("ppo-blend@1", "controllers.laws.lqg_elastic", True),
-        ("pid-flm", "controllers.laws.adrc", False), ("pid-flm", "fbl_gym.view.render", False),
-        ("pid-flm", "benchmarks.policies.spec", False), ("pid-flm", "benchmarks.cli.tune", False),
-        ("law.py", "controllers.laws.sliding_mode", True), ("law.py", "controllers.laws.adrc", False),
-        ("./agent", "controllers.laws.sliding_mode", True), ("./agent", "controllers.laws.adrc", False),
-    ],
-)  # fmt: skip
+@pytest.mark.parametrize(("policy", "module", "stale"), [
+    ("pid-flm", "controllers.paper.pid", True), ("pid-flm", "fbl_gym.kernel.arm.physics", True),
+    ("pid-flm", "benchmarks.run.metrics", True), ("pid-flm", "benchmarks.run.loop", True),
+    ("ppo-blend@1", "controllers.laws.lqg_elastic", True),
+    ("pid-flm", "controllers.laws.adrc", False), ("pid-flm", "fbl_gym.view.render", False),
+    ("pid-flm", "benchmarks.policies.spec", False), ("pid-flm", "benchmarks.cli.tune", False),
+    ("law.py", "controllers.laws.sliding_mode", True), ("law.py", "controllers.laws.adrc", False),
+    ("./agent", "controllers.laws.sliding_mode", True), ("./agent", "controllers.laws.adrc", False),
+])  # fmt: skip
 def test_a_law_depends_on_its_modules_the_kernel_and_the_metrics_but_on_no_other_law(
     policy, module, stale, folder, monkeypatch
 ):

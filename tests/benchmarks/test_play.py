@@ -5,7 +5,6 @@ import pytest
 from PIL import Image
 
 import benchmarks
-from benchmarks import cli
 from benchmarks.cli import play
 from benchmarks.cli.play import SIZE, Game, picture, pygame
 from benchmarks.policies.spec import resolve
@@ -13,8 +12,7 @@ from fbl_gym import scenarios
 
 
 @pytest.fixture
-def game(monkeypatch):
-    monkeypatch.setenv("SDL_VIDEODRIVER", "dummy")
+def game():
     laws = [resolve(name) for name in ("pid-flm", "cascade-flm", "computed-torque")]
     return Game(laws, scenarios.get("nominal").replace(duration=5.0), 0)
 
@@ -83,14 +81,12 @@ def test_an_arm_that_diverged_stays_and_the_frame_says_so():
     assert not np.array_equal(game.frame(), before)
 
 
-def test_the_command_records_a_film_in_real_time(monkeypatch, tmp_path, capsys):
-    monkeypatch.setenv("SDL_VIDEODRIVER", "dummy")
+def test_the_command_records_a_film_in_real_time(tmp_path, fbl_gym):
     path = tmp_path / "play.gif"
-    assert cli.main(["play", "zero", "--seconds", "0.5", "--record", str(path)]) == 0
+    assert str(path) in fbl_gym(f"play zero --seconds 0.5 --record {path}").out
     with Image.open(path) as film:
         assert film.size == (SIZE, SIZE + 2 * play.STRIP + 2 * play.LINE)
         assert film.n_frames <= 10  # equal frames become one
-    assert str(path) in capsys.readouterr().out
 
 
 def test_a_notebook_shows_an_animation():

@@ -122,6 +122,7 @@ def test_an_option_changes_where_its_path_leads():
     assert scenario.noise.velocity == base.noise.velocity
     assert scenario.noise.position == base.replace(noise={"position": 0.01}).noise.position
     assert with_option(base, "arm.m1", 7.0).arm.m1 == 7.0
+    assert with_option(base, "datasheet.lag", 0.002).datasheet.lag == 0.002  # without one before
     # Ranges that agents generalise over are values of the radius.
     trained_on = scenarios.get("everything-2")
     swept = with_option(trained_on, "parameter_error.radius", 2.0)
@@ -166,15 +167,12 @@ def test_two_options_give_every_pair_of_values(folder, fbl_gym):
     assert "pd-gravity, noise.position 0.01<" in drawn
 
 
-@pytest.mark.parametrize(
-    ("text", "latex"),
-    [
-        ("my_law.py 5 %", r"my\_law.py 5 \%"),
-        ("a\\b{c}~d^2 & #1 $", r"a\textbackslash{}b\{c\}\textasciitilde{}d\textasciicircum{}2 \& \#1 \$"),
-        ("-1.0 (-2–3)\n0 (≤5)", r"$-$1.0 ($-$2--3) 0 ($\le$5)"),
-        ("computed-torque-dob 1e-3", "computed-torque-dob 1e-3"),
-    ],
-)
+@pytest.mark.parametrize(("text", "latex"), [
+    ("my_law.py 5 %", r"my\_law.py 5 \%"),
+    ("a\\b{c}~d^2 & #1 $", r"a\textbackslash{}b\{c\}\textasciitilde{}d\textasciicircum{}2 \& \#1 \$"),
+    ("-1.0 (-2–3)\n0 (≤5)", r"$-$1.0 ($-$2--3) 0 ($\le$5)"),
+    ("computed-torque-dob 1e-3", "computed-torque-dob 1e-3"),
+])  # fmt: skip
 def test_a_text_is_printed_as_it_is(text, latex):
     assert escape(text) == latex
 
@@ -188,15 +186,12 @@ def test_columns_of_numbers_are_to_the_right(tmp_path):
     ]  # fmt: skip
 
 
-@pytest.mark.parametrize(
-    ("line", "least", "columns"),
-    [
-        ("evaluate pd-gravity --plot lines.png", 15, 3), ("evaluate pd-gravity zero --plot lines.png", 2, 6),
-        ("evaluate pd-gravity zero --trials 2", 2, 3),
-        ("sweep pd-gravity zero --over arm.m2=14,15,16 --workers 1", 3, 3),
-        ("leaderboard --policies pd-gravity zero oracle-flm --scenarios arm.toml --workers 1", 3, 7),
-    ],
-)  # fmt: skip
+@pytest.mark.parametrize(("line", "least", "columns"), [
+    ("evaluate pd-gravity --plot lines.png", 15, 3), ("evaluate pd-gravity zero --plot lines.png", 2, 6),
+    ("evaluate pd-gravity zero --trials 2", 2, 3),
+    ("sweep pd-gravity zero --over arm.m2=14,15,16 --workers 1", 3, 3),
+    ("leaderboard --policies pd-gravity zero oracle-flm --scenarios arm.toml --workers 1", 3, 7),
+])  # fmt: skip
 def test_commands_write_their_table(line, least, columns, folder, fbl_gym):
     scenario = "" if "leaderboard" in line else "--scenario arm.toml"
     assert "table: table.tex" in fbl_gym(f"{line} {scenario} --seeds 2 --tex table.tex").out
@@ -219,14 +214,11 @@ def test_the_table_has_the_metrics_of_each_run():
     assert list(benchmarks.evaluate("zero", NOMINAL, seeds=[7]).index) == [7]
 
 
-@pytest.mark.parametrize(
-    ("given", "message"),
-    [
-        ({"seeds": 0}, "seeds must be"),
-        ({"k": 1.0}, "argument of pid-flm 'k'"),
-        ({"scenario": "servo-nominl"}, "nominal"),
-    ],
-)
+@pytest.mark.parametrize(("given", "message"), [
+    ({"seeds": 0}, "seeds must be"),
+    ({"k": 1.0}, "argument of pid-flm 'k'"),
+    ({"scenario": "servo-nominl"}, "nominal"),
+])  # fmt: skip
 def test_a_mistake_is_named(given, message):
     with pytest.raises(ValueError, match=message):
         benchmarks.evaluate(**{"policy": "pid-flm", "scenario": NOMINAL, **given})

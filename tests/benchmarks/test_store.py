@@ -101,13 +101,10 @@ def test_no_kind_of_file_in_the_place_of_a_result_stops_the_others(make, tmp_pat
     assert len(list(store.results())) == len(cells(("zero",)))
 
 
-@pytest.mark.parametrize(
-    "change",
-    [
-        {"decision_us": "fast"}, {"error": "x", "provenance": 3}, {"rows": {"diverged": ["a", 0, 0]}},
-        {"rows": {name: [1.0] for name in METRICS}}, {"policy": {"kind": "other"}}, {"policy": {"access": "<b>all</b>"}},
-    ],
-)  # fmt: skip
+@pytest.mark.parametrize("change", [
+    {"decision_us": "fast"}, {"error": "x", "provenance": 3}, {"rows": {"diverged": ["a", 0, 0]}},
+    {"rows": {name: [1.0] for name in METRICS}}, {"policy": {"kind": "other"}}, {"policy": {"access": "<b>all</b>"}},
+])  # fmt: skip
 def test_a_result_with_other_types_is_damaged(change, tmp_path):
     """Even with the right checksum."""
     path = Store(tmp_path).save(run_cell(cells(["zero"])[0]))

@@ -116,13 +116,9 @@ def test_spongs_lyapunov_function_decreases_outside_the_layer():
     assert left[0.1] < 0.3 * left[10.0]
 
 
-def random_states(n=100, k=4, seed=0):
-    return np.random.default_rng(seed).uniform(-3, 3, (k, n, 2))
-
-
 def test_the_regressor_agrees_with_the_skew_form():
     """Y p = M a_r + C v_r + G with the C for which dM/dt - 2 C is skew, at random states."""
-    q, v, v_r, a_r = random_states()
+    q, v, v_r, a_r = np.random.default_rng(0).uniform(-3, 3, (4, 100, 2))
     p = np.array([17.0, 3.5, 4.0, 240.0, 70.0])
     expected = np.einsum("nij,nj->ni", inertia_matrix(p, q), a_r) + gravity_torque(p, q)
     expected += np.einsum("nij,nj->ni", coriolis_matrix(p, q, v, skew=True), v_r)

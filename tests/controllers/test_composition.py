@@ -157,22 +157,6 @@ def test_a_composition_has_the_gains_of_law_and_parts():
     assert law._predictor.lead == 1.0
 
 
-@pytest.mark.parametrize(
-    ("name", "message"),
-    [
-        ("pid-flm+kalmn", "unknown part 'kalmn'; did you mean 'kalman'"),
-        ("pid-fml+kalman", "unknown policy 'pid-fml.*did you mean 'pid-flm'"),
-        ("pid-flm+kalman+eso", "give one observer, got kalman and eso"),
-        ("pid-flm+eso+eso", "parts must differ, got eso, eso"),
-        ("oracle-flm+kalman", "parts go with a subclass of TorqueLaw, got 'OracleFlm'"),
-        ("computed-torque-ilc+kalman@tuned", "computed-torque-ilc.kalman has no tuned gains"),
-    ],
-)
-def test_a_wrong_composition_is_named(name, message):
-    with pytest.raises(ValueError, match=message):
-        resolve(name)
-
-
 @pytest.mark.parametrize("name", ["computed-torque-dob", "computed-torque-dob+predictor"])
 @pytest.mark.parametrize(("told", "disturbance"), [(True, 0.0), (False, -50.0)])
 def test_an_observer_that_is_told_the_sent_torque_takes_it_for_no_disturbance(name, told, disturbance):

@@ -144,15 +144,6 @@ def test_no_limit_cycle_is_left_behind_a_delay():
     assert np.abs(errors[-50:]).max() < 1e-9
 
 
-def test_the_boundary_layer_reduces_chatter():
-    scenario = scenarios.get("noise-1")
-    variation = {}
-    for layer in (0.0, 0.1):
-        trace = rollout("sliding-mode", scenario, range(4), {"layer": layer})
-        variation[layer] = np.abs(np.diff(trace.torque, axis=0)).sum()
-    assert variation[0.1] < 0.5 * variation[0.0]
-
-
 def test_terminal_sliding_mode_follows_its_equation():
     """Exact model, 1 kHz, from rest: e'' = -w / p |e'|^(2-p) sign(e') - bound sat(w^2 s / bound), by scipy's solver."""
     w, power, bound, e0 = 8.0, 1.4, 5.0, 0.2

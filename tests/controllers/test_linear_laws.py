@@ -41,35 +41,32 @@ def h_infinity_rates(w):
     return w * rates
 
 
-@pytest.mark.parametrize(
-    ("law", "gains", "options", "sizes", "first", "rates", "tolerance"),
-    [
-        # w = Kp e + e' has w' = -P w - I int(w)
-        ("cascade-flm", {}, {}, (0.2, 0.0), [1, 0, 0], [[0, 1, 0], [-300, -30, -13], [10, 1, 0]], 6e-3),
-        # e'' + D e' + P e + I int(e) = 0; P, I, D = 10, 3, 0 as printed is unstable: it grows as exp(0.149 t)
-        *[
-            (
-                "pid-flm", {"kp": p, "ki": i, "kd": d}, {"arm": arm, **ZERO}, (0.2, -0.2), [1, 0, 0],
-                [[0, 1, 0], [-p, -d, -i], [1, 0, 0]], 1e-3 if d else 2e-2,
-            )
-            for arm, (p, i, d) in ((TABLE_1, (10, 0, 3)), (SECTION_2_2, (10, 0, 3)), (TABLE_1, (10, 3, 0)))
-        ],
-        # e'' + 2 w e' + w^2 e = 0
-        ("computed-torque", {"frequency": 8.0}, HANGING, (0.05, -0.05), [1, 0], [[0, 1], [-64, -16]], 5e-3),
-        ("computed-torque-eso", {"controller_bandwidth": 5.0}, {}, (0.2, 0.0), [1, 0], [[0, 1], [-25, -10]], 5e-3),
-        # e' = s - slope e, s' = -1.5 (bound / layer)^1/2 s - z, z' = 1.1 bound / layer s
+@pytest.mark.parametrize(("law", "gains", "options", "sizes", "first", "rates", "tolerance"), [
+    # w = Kp e + e' has w' = -P w - I int(w)
+    ("cascade-flm", {}, {}, (0.2, 0.0), [1, 0, 0], [[0, 1, 0], [-300, -30, -13], [10, 1, 0]], 6e-3),
+    # e'' + D e' + P e + I int(e) = 0; P, I, D = 10, 3, 0 as printed is unstable: it grows as exp(0.149 t)
+    *[
         (
-            "sliding-mode", {"slope": 10.0, "bound": 50.0, "layer": 0.5}, HANGING, (0.02, 0.0), [1, 10, 0],
-            [[-10, 1, 0], [0, -15, -1], [0, 110, 0]], 0.02,
-        ),
-        (
-            "lqg", {"integral": 300.0, "position": 60.0, "velocity": 6.0}, {}, (0.2, 0.0), [1, 0, 0],
-            lqg_rates(300.0, 60.0, 6.0), 0.02,
-        ),
-        # A small error, so that Coriolis torques vanish.
-        ("h-infinity", {"bandwidth": 8.0}, {}, (1e-3, 0.0), np.eye(8)[0], h_infinity_rates(8.0), 0.02),
+            "pid-flm", {"kp": p, "ki": i, "kd": d}, {"arm": arm, **ZERO}, (0.2, -0.2), [1, 0, 0],
+            [[0, 1, 0], [-p, -d, -i], [1, 0, 0]], 1e-3 if d else 2e-2,
+        )
+        for arm, (p, i, d) in ((TABLE_1, (10, 0, 3)), (SECTION_2_2, (10, 0, 3)), (TABLE_1, (10, 3, 0)))
     ],
-)  # fmt: skip
+    # e'' + 2 w e' + w^2 e = 0
+    ("computed-torque", {"frequency": 8.0}, HANGING, (0.05, -0.05), [1, 0], [[0, 1], [-64, -16]], 5e-3),
+    ("computed-torque-eso", {"controller_bandwidth": 5.0}, {}, (0.2, 0.0), [1, 0], [[0, 1], [-25, -10]], 5e-3),
+    # e' = s - slope e, s' = -1.5 (bound / layer)^1/2 s - z, z' = 1.1 bound / layer s
+    (
+        "sliding-mode", {"slope": 10.0, "bound": 50.0, "layer": 0.5}, HANGING, (0.02, 0.0), [1, 10, 0],
+        [[-10, 1, 0], [0, -15, -1], [0, 110, 0]], 0.02,
+    ),
+    (
+        "lqg", {"integral": 300.0, "position": 60.0, "velocity": 6.0}, {}, (0.2, 0.0), [1, 0, 0],
+        lqg_rates(300.0, 60.0, 6.0), 0.02,
+    ),
+    # A small error, so that Coriolis torques vanish.
+    ("h-infinity", {"bandwidth": 8.0}, {}, (1e-3, 0.0), np.eye(8)[0], h_infinity_rates(8.0), 0.02),
+])  # fmt: skip
 def test_the_error_obeys_its_linear_equation(law, gains, options, sizes, first, rates, tolerance):
     """Its states begin in `first`, times the first error of each joint [rad]."""
     steps = 3000 if law == "h-infinity" else 2000
@@ -83,18 +80,15 @@ def share_of(pole):
     return pole * 1e-3 / np.expm1(pole * 1e-3)
 
 
-@pytest.mark.parametrize(
-    ("law", "gains", "rates"),
-    [
-        # e'' + 2 w e' + w^2 e = x, x' = -g x, what is left of M^-1 d to find
-        ("computed-torque-tde", {}, [[0, 1, 0], [-64, -16, 1], [0, 0, -12]]),
-        # e'' + 2 w e' + w^2 e = f - z, z' = g (k f - z), k = p dt / (exp(p dt) - 1)
-        *[
-            ("l1-adaptive", {"pole": p}, [[0, 1, 0, 0], [-64, -16, -1, 1], [0, 0, -12, 12 * share_of(p)], [0, 0, 0, 0]])
-            for p in (5.0, 200.0)
-        ],
+@pytest.mark.parametrize(("law", "gains", "rates"), [
+    # e'' + 2 w e' + w^2 e = x, x' = -g x, what is left of M^-1 d to find
+    ("computed-torque-tde", {}, [[0, 1, 0], [-64, -16, 1], [0, 0, -12]]),
+    # e'' + 2 w e' + w^2 e = f - z, z' = g (k f - z), k = p dt / (exp(p dt) - 1)
+    *[
+        ("l1-adaptive", {"pole": p}, [[0, 1, 0, 0], [-64, -16, -1, 1], [0, 0, -12, 12 * share_of(p)], [0, 0, 0, 0]])
+        for p in (5.0, 200.0)
     ],
-)
+])  # fmt: skip
 def test_the_error_under_a_constant_load_obeys_its_linear_equation(law, gains, rates):
     """The last state begins in M^-1 d."""
     load = np.array([20.0, 6.0])

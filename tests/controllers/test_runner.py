@@ -50,13 +50,10 @@ def drive(runner, scenario, seed=3):
 
 
 @pytest.mark.parametrize("world", ["", "@mujoco"])
-@pytest.mark.parametrize(
-    "policy",
-    [
-        "pd-gravity", "computed-torque-dob@tuned", "computed-torque-dob+predictor@tuned",
-        "computed-torque+kalman@kalman_bandwidth=60", "lqg@tuned", "ppo-blend@1",
-    ],
-)  # fmt: skip
+@pytest.mark.parametrize("policy", [
+    "pd-gravity", "computed-torque-dob@tuned", "computed-torque-dob+predictor@tuned",
+    "computed-torque+kalman@kalman_bandwidth=60", "lqg@tuned", "ppo-blend@1",
+])  # fmt: skip
 def test_torques_are_those_of_a_rollout(policy, world):
     """The robot is another environment, from which only positions and the reference come."""
     scenario = scenarios.get(f"servo-delay-2{world}").replace(duration=0.5)
@@ -66,18 +63,14 @@ def test_torques_are_those_of_a_rollout(policy, world):
         runner.reset()
 
 
-@pytest.mark.parametrize(
-    "options",
-    [
-        {}, {"noise": {"position": 1e-3, "velocity": 1e-2, "acceleration": 0.1}},
-        {"encoder": {"difference": 3, "low_pass": 20.0}, "sensors": ("position", "velocity")},
-        {"encoder": {"difference": 1, "latency": 2}, "actuator": {"delay": 0.025}},
-        {"encoder": {"latency": 1}, "actuator": None},
-        {"sensors": ("position",), "actuator": {"lag": 0.01, "delay_samples": 2}, "plant": "mujoco"},
-        {"reference": "steps", "joint": {"stiffness": 2e3, "rotor_inertia": 1.0}, "physics_dt": 5e-4},
-    ],
-    ids=str,
-)  # fmt: skip
+@pytest.mark.parametrize("options", [
+    {}, {"noise": {"position": 1e-3, "velocity": 1e-2, "acceleration": 0.1}},
+    {"encoder": {"difference": 3, "low_pass": 20.0}, "sensors": ("position", "velocity")},
+    {"encoder": {"difference": 1, "latency": 2}, "actuator": {"delay": 0.025}},
+    {"encoder": {"latency": 1}, "actuator": None},
+    {"sensors": ("position",), "actuator": {"lag": 0.01, "delay_samples": 2}, "plant": "mujoco"},
+    {"reference": "steps", "joint": {"stiffness": 2e3, "rotor_inertia": 1.0}, "physics_dt": 5e-4},
+], ids=str)  # fmt: skip
 @pytest.mark.parametrize("preview", [0.0, 0.025])
 def test_observations_are_those_of_the_environment(preview, options):
     """All bits of it: clipped readings, computed velocities, previous actions and preview."""
@@ -100,15 +93,12 @@ def test_observations_are_those_of_the_environment(preview, options):
 # Arguments.
 
 
-@pytest.mark.parametrize(
-    ("policy", "options", "error"),
-    [
-        ("oracle-flm", {}, "reads the truth"), ("pd-gravty@my_gains", {}, "unknown policy 'pd-gravty'"),
-        ("pd-gravity", {"ramp": -1.0}, "ramp"), ("pd-gravity", {"ramp": np.nan}, "ramp"),
-        ("pd-gravity", {"max_error": 0.0}, "max_error"), ("pd-gravity", {"max_interval": 0.001}, "max_interval"),
-        ("pd-gravity", {"max_velocity": (1.0, 0.0)}, "max_velocity"),
-    ],
-)  # fmt: skip
+@pytest.mark.parametrize(("policy", "options", "error"), [
+    ("oracle-flm", {}, "reads the truth"), ("pd-gravty@my_gains", {}, "unknown policy 'pd-gravty'"),
+    ("pd-gravity", {"ramp": -1.0}, "ramp"), ("pd-gravity", {"ramp": np.nan}, "ramp"),
+    ("pd-gravity", {"max_error": 0.0}, "max_error"), ("pd-gravity", {"max_interval": 0.001}, "max_interval"),
+    ("pd-gravity", {"max_velocity": (1.0, 0.0)}, "max_velocity"),
+])  # fmt: skip
 def test_a_wrong_argument_is_named(policy, options, error):
     with pytest.raises(ValueError, match=error):
         Runner(policy, SCENARIO, **options)
@@ -221,14 +211,11 @@ def test_readings_two_samples_apart_are_in_time(tmp_path):
         assert np.loadtxt(tmp_path / "run.csv", delimiter=",", skiprows=1)[-1, 0] == pytest.approx(98 * dt, rel=1e-2)
 
 
-@pytest.mark.parametrize(
-    ("scenario", "options"),
-    [
-        ("servo-nominal", {}), ("direct-nominal", {}), ("geared-nominal", {}), ("servo-lost-readings-2", {}),
-        ("geared-nominal", {"encoder": {"counts": 500, "difference": 20}}), ("servo-friction-3", {}), ("cicese", {}),
-        ("dfki-a0", {}), ("dfki-c1", {"friction": {"coulomb": 1.0, "stiction": 1.0}}),
-    ],
-)  # fmt: skip
+@pytest.mark.parametrize(("scenario", "options"), [
+    ("servo-nominal", {}), ("direct-nominal", {}), ("geared-nominal", {}), ("servo-lost-readings-2", {}),
+    ("geared-nominal", {"encoder": {"counts": 500, "difference": 20}}), ("servo-friction-3", {}), ("cicese", {}),
+    ("dfki-a0", {}), ("dfki-c1", {"friction": {"coulomb": 1.0, "stiction": 1.0}}),
+])  # fmt: skip
 @pytest.mark.parametrize("motion", ["own", "hold", "one joint"])
 def test_a_healthy_run_does_not_stop(scenario, options, motion):
     """Joints that stick, reverse or creep along a coarse encoder repeat their readings, too."""

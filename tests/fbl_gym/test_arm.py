@@ -158,17 +158,13 @@ def test_lumped_parameters_make_an_arm_that_has_them(arm):
 BALANCED = ArmParameters(m1=3.0, m2=2.0, L1=0.4, L2=0.3, centre=(0.5, 0.0), inertia=1 / 12)
 
 
-@pytest.mark.parametrize(
-    ("make", "message"),
-    [
-        (lambda: ArmParameters(centre=(1.0, 0.0)), "inertia about both joints"),
-        (lambda: ArmParameters.from_lumped((1.0, 1.0, 2.0, 0.0, 0.0), (1.0, 1.0), gravity=0.0), "p1 p2 > p3"),
-        (lambda: ArmParameters.from_lumped((3.0, 1.0, 1.0, 20.0, 20.0), (1.0, 1.0)), "p3 g = p5 L1"),
-        (lambda: ArmParameters.from_lumped(BALANCED.lumped, (0.4, 0.3)), "neither link balanced"),
-        (lambda: ArmParameters.from_links((0.0, 1.0), (1.0, 1.0), (0.5, 0.5), (0.1, 0.1)), r"mass\[0\] .* 0, got 0.0"),
-    ],
-    ids=["centre", "inertia", "gravity", "balanced", "mass"],
-)
+@pytest.mark.parametrize(("make", "message"), [
+    (lambda: ArmParameters(centre=(1.0, 0.0)), "inertia about both joints"),
+    (lambda: ArmParameters.from_lumped((1.0, 1.0, 2.0, 0.0, 0.0), (1.0, 1.0), gravity=0.0), "p1 p2 > p3"),
+    (lambda: ArmParameters.from_lumped((3.0, 1.0, 1.0, 20.0, 20.0), (1.0, 1.0)), "p3 g = p5 L1"),
+    (lambda: ArmParameters.from_lumped(BALANCED.lumped, (0.4, 0.3)), "neither link balanced"),
+    (lambda: ArmParameters.from_links((0.0, 1.0), (1.0, 1.0), (0.5, 0.5), (0.1, 0.1)), r"mass\[0\] .* 0, got 0.0"),
+], ids=["centre", "inertia", "gravity", "balanced", "mass"])  # fmt: skip
 def test_an_arm_that_cannot_be_is_refused(make, message):
     with pytest.raises(ValueError, match=message):
         make()

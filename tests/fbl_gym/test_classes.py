@@ -125,15 +125,12 @@ def test_the_board_is_recognised_by_its_content():
     assert "motion" in scenarios.held_out_reason(Scenario(arm=own, reference=scenarios.get("servo-nominal").reference))
 
 
-@pytest.mark.parametrize(
-    ("reference", "refused"),
-    [
-        ({"kind": "minimum-jerk", "move_time": 1.0, "hold_time": 0.2}, True),
-        ({"kind": "minimum-jerk", "points": [(-1.0, 0.2), (-0.4, -0.5)]}, True),
-        ({"kind": "array", "position": np.zeros((40, 2)), "dt": 0.1}, True),
-        ("fourier", False), ("sine", False), ("steps", False), ("filtered-steps", False),
-    ],
-)  # fmt: skip
+@pytest.mark.parametrize(("reference", "refused"), [
+    ({"kind": "minimum-jerk", "move_time": 1.0, "hold_time": 0.2}, True),
+    ({"kind": "minimum-jerk", "points": [(-1.0, 0.2), (-0.4, -0.5)]}, True),
+    ({"kind": "array", "position": np.zeros((40, 2)), "dt": 0.1}, True),
+    ("fourier", False), ("sine", False), ("steps", False), ("filtered-steps", False),
+])  # fmt: skip
 @pytest.mark.parametrize("name", [name for name in MEMBERS if "practice-everything" in name or "practice-n" in name])
 def test_kinds_of_motion_that_judge_are_refused_on_the_robots_of_a_class(name, reference, refused):
     task = scenarios.get(name).replace(reference=reference)

@@ -21,9 +21,7 @@ def test_a_copy_in_mid_episode_continues_independently(copied, options):
     episode(env, 10)
     other = copied(env)
     for k in range(20):
-        a, b = env.step((0.1, 0.01 * k)), other.step((0.1, 0.01 * k))
-        np.testing.assert_array_equal(a[0], b[0])
-        assert a[1:4] == b[1:4]
+        np.testing.assert_equal(env.step((0.1, 0.01 * k)), other.step((0.1, 0.01 * k)))
     np.testing.assert_equal(vars(other.truth), vars(env.truth))
     env.step((1.0, 1.0))
     assert not np.array_equal(env.truth.velocity, other.truth.velocity)
@@ -85,16 +83,13 @@ def test_some_lanes_of_a_batch_start_where_reset_says():
     np.testing.assert_array_equal(env.truth.position, np.where(mask[:, None], position, before))
 
 
-@pytest.mark.parametrize(
-    ("options", "reason"),
-    [
-        ({"position": (np.nan, 0.0)}, r"position must be finite numbers of shape \(2,\), got \(nan, 0.0\)"),
-        ({"velocity": 1.0}, r"velocity must be finite numbers of shape \(2,\), got 1.0"),
-        ({"reference": np.zeros((99, 2))}, "or fewer way-points, got shape"),
-        ({"positon": (0.0, 0.0)}, "did you mean 'position'"),
-        ({"reference": (0.0, 0.0)}, r"must be left out: .* this reference is sine"),
-    ],
-)
+@pytest.mark.parametrize(("options", "reason"), [
+    ({"position": (np.nan, 0.0)}, r"position must be finite numbers of shape \(2,\), got \(nan, 0.0\)"),
+    ({"velocity": 1.0}, r"velocity must be finite numbers of shape \(2,\), got 1.0"),
+    ({"reference": np.zeros((99, 2))}, "or fewer way-points, got shape"),
+    ({"positon": (0.0, 0.0)}, "did you mean 'position'"),
+    ({"reference": (0.0, 0.0)}, r"must be left out: .* this reference is sine"),
+])  # fmt: skip
 def test_a_start_that_cannot_be_is_refused(options, reason):
     reference = "sine" if "sine" in reason else "minimum-jerk"
     with pytest.raises(ValueError, match=reason):

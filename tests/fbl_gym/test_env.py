@@ -15,15 +15,11 @@ COSTS = {"constraints": TIGHT}
 PASSIVE = {"scenario": "dfki-c1-acrobot"}
 
 
-@pytest.mark.parametrize(
-    ("name", "options"),
-    [
-        *[(ID, options) for options in ({}, RECORDS, {"scenario": "everything-3"}, COSTS, PASSIVE)],
-        *[(TRACKING, options) for options in ({}, RECORDS, {"scenario": "servo-delay-2"}, COSTS, PASSIVE)],
-        *[pytest.param(MUJOCO, options, marks=needs_mujoco) for options in ({}, {"scenario": "everything-2"}, PASSIVE)],
-    ],
-    ids=lambda value: str(value)[:30],
-)
+@pytest.mark.parametrize(("name", "options"), [
+    *[(ID, options) for options in ({}, RECORDS, {"scenario": "everything-3"}, COSTS, PASSIVE)],
+    *[(TRACKING, options) for options in ({}, RECORDS, {"scenario": "servo-delay-2"}, COSTS, PASSIVE)],
+    *[pytest.param(MUJOCO, options, marks=needs_mujoco) for options in ({}, {"scenario": "everything-2"}, PASSIVE)],
+], ids=lambda value: str(value)[:30])  # fmt: skip
 def test_checkers_pass_without_a_warning(name, options):
     """pytest turns every warning into an error, with those of Gymnasium's logger."""
     env = gym.make(name, **options)

@@ -4,7 +4,6 @@ import re
 
 import numpy as np
 import pytest
-from scipy.integrate import solve_ivp
 from scipy.optimize import root
 
 from fbl_gym import TABLE_1, ArmParameters, TwoLinkArmEnv
@@ -13,16 +12,11 @@ from fbl_gym.model.chain import HINGE, chain_dynamics, segment_terms
 from fbl_gym.options import FlexibleLink
 from fbl_gym.options.link import fastest_rate, straight_chain
 from tests.fbl_gym.episodes import started, truths_of
-from tests.fbl_gym.test_elastic import HELD, JOINT, OPTIONS, B, D, K, torque
+from tests.fbl_gym.test_elastic import HELD, JOINT, LOADED, OPTIONS, B, D, K, loads, run, solve
 
 ARM = ArmParameters(inertia=(0.08, 0.07), rotor=(0.5, 0.2))
 LINK = {"frequency": (5.0, 8.0), "damping": (0.05, 0.03)}
 SUMS = np.tril(np.ones((4, 4)))  # absolute angles from q1, b1, q2, b2
-
-
-def run(steps, **options):
-    """Return the truths of a run under `torque`."""
-    return truths_of(started(**{**OPTIONS, "arm": ARM, "link": LINK, **options}), map(torque, range(steps)))
 
 
 def state(truth, joint=False):
@@ -65,15 +59,11 @@ def slope(x, tau, load, viscous, joint):
 @pytest.mark.parametrize("joint", [None, JOINT], ids=["rigid joints", "elastic joints"])
 def test_a_motion_agrees_with_the_solver(joint):
     """A second with damping, viscous friction and a disturbance on the links."""
-    disturbance = {"kind": "sine", "amplitude": (20.0, 8.0), "frequency": (1.5, 2.5), "phase": (0.3, 1.0)}
-    truths = run(100, physics_dt=2.5e-4, friction={"viscous": 3.0}, disturbance=disturbance, joint=joint)
-    loads = lambda t: np.array([20.0, 8.0]) * np.sin(2 * np.pi * np.array([1.5, 2.5]) * t + (0.3, 1.0))
-    x = state(truths[0], joint)
-    for k in range(100):
-        rate = lambda t, x, k=k: slope(x, torque(k), loads(t), 3.0, joint)
-        x = solve_ivp(rate, (0.01 * k, 0.01 * k + 0.01), x, method="DOP853", rtol=1e-12, atol=1e-12).y[:, -1]
-        np.testing.assert_allclose(state(truths[k + 1], joint), x, rtol=0, atol=2e-7)
-    rate = slope(x, truths[-1].applied_torque, loads(1.0), 3.0, joint)
+    truths = run(100, arm=ARM, link=LINK, joint=joint, **LOADED)
+    ours = np.array([state(truth, joint) for truth in truths])
+    theirs = solve(ours[0], 100, slope, loads, viscous=3.0, joint=joint)
+    np.testing.assert_allclose(ours, theirs, rtol=0, atol=2e-7)
+    rate = slope(theirs[-1], truths[-1].applied_torque, loads(1.0), 3.0, joint)
     np.testing.assert_allclose(truths[-1].acceleration, rate[4:6], rtol=1e-5)
     turns = truths[-1].motor_velocity if joint else truths[-1].velocity
     np.testing.assert_allclose(truths[-1].friction_torque, 3.0 * turns, rtol=1e-12)
@@ -123,13 +113,10 @@ def test_blows_and_grasps_keep_the_momentum_of_the_whole_chain(joint):
     assert np.abs(truths[2001].velocity - truths[2000].velocity).max() > 0.01
 
 
-@pytest.mark.parametrize(
-    ("frequency", "payload", "mass", "speed"),
-    [
-        ((0.76, 1.14), 0.0, 1.0, 0.0), ((0.76, 1.14), 0.0, 1.0, 2.0), (1.3, 0.0, 1.0, 1.0), (5.0, 0.0, 1.0, 3.0),
-        (20.0, 3.0, 1.3, 3.0), (1.2, 8.0, 1.0, 0.0), (1.2, 30.0, 2.0, 1.0),  # hinges buckle in the last two
-    ],
-)  # fmt: skip
+@pytest.mark.parametrize(("frequency", "payload", "mass", "speed"), [
+    ((0.76, 1.14), 0.0, 1.0, 0.0), ((0.76, 1.14), 0.0, 1.0, 2.0), (1.3, 0.0, 1.0, 1.0), (5.0, 0.0, 1.0, 3.0),
+    (20.0, 3.0, 1.3, 3.0), (1.2, 8.0, 1.0, 0.0), (1.2, 30.0, 2.0, 1.0),  # hinges buckle in the last two
+])  # fmt: skip
 def test_an_arm_starts_in_a_stable_balance_of_its_bent_links(frequency, payload, mass, speed):
     """In all poses, upright too: no torque is left on the hinges, and a small bend raises one against it."""
     arm, rate = ArmParameters(), 2 * np.pi * np.array(frequency)
@@ -159,16 +146,6 @@ def test_encoders_read_the_joints_of_links_that_bend():
     observation = env.step((5.0, 0.0))[0]
     np.testing.assert_array_equal(observation[env.layout["position"]], env.truth.position)
     assert np.all((env.truth.bend_rate > 20 * np.pi) & (env.truth.bend_rate < 40 * np.pi))
-
-
-def test_a_step_too_long_is_refused_with_one_that_divides_all_times():
-    options = {"control_dt": 0.0025, "physics_dt": 0.0005, "actuator": {"jitter": 0.0015}, "link": {"frequency": 300.0}}
-    with pytest.raises(ValueError, match=r"too long for these links \(link.frequency, link.damping\)") as error:
-        TwoLinkArmEnv(**options)
-    step = float(re.search(r"physics_dt=([0-9.e-]+) s would do", str(error.value)).group(1))
-    TwoLinkArmEnv(**options | {"physics_dt": step})
-    with pytest.raises(ValueError, match="'exact' with elastic joints, links that bend"):
-        TwoLinkArmEnv(link=10.0, friction={"coulomb": 1.0, "law": "literal"})
 
 
 def test_links_too_soft_for_their_weight_are_refused():

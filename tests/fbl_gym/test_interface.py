@@ -6,33 +6,26 @@ import math
 import numpy as np
 import pytest
 
-from benchmarks.cli.show import options
-from benchmarks.run.expansion import with_option
-from controllers import make
-from fbl_gym import Scenario, TwoLinkArmEnv, TwoLinkArmVectorEnv, scenarios
-from tests.controllers.closed_loop import tracking
+from fbl_gym import TwoLinkArmEnv, TwoLinkArmVectorEnv
+from tests.controllers.closed_loop import mean_error
 
 IDEAL = TwoLinkArmEnv().interface
 FIELDS = ("delay", "lag", "rate_limit", "latency", "resolution", "noise_std")
 SPRINGS = ("stiffness", "damping", "rotor_inertia", "backlash", "encoder")
 
 
-@pytest.mark.parametrize(
-    ("options", "stated"),
-    [
-        ({}, {}), ({"actuator": {"delay": 0.004, "delay_samples": 1}}, {"delay": (0.014, 0.014)}),
-        ({"actuator": {"delay": {"uniform": [0.001, 0.005]}}}, {"delay": (0.001, 0.005)}),
-        ({"actuator": {"delay_samples": {"choice": [2, 1]}, "delay": 0.001}}, {"delay": (0.011, 0.021)}),
-        ({"actuator": {"lag": {"log_uniform": [0.001, 0.005]}}}, {"lag": (0.001, 0.005)}),
-        ({"actuator": {"rate_limit": [{"choice": [9.0, 5.0]}, 7.0]}}, {"rate_limit": (5.0, 7.0)}),
-        ({"encoder": {"latency": 2}}, {"latency": 0.02}),
-        ({"encoder": {"counts": (1000, 2000)}}, {"resolution": (2e-3 * np.pi, 1e-3 * np.pi)}),
-        ({"noise": {"position": {"quantization": 0.01}}}, {"resolution": (0.01, 0.01)}),
-        ({"noise": {"velocity": {"uniform": [0.1, 0.2]}}}, {"noise_std": ((0.0, 0.0), (0.2, 0.2), (0.0, 0.0))}),
-        ({"noise": {"position": {"density": (1.0, 2.0)}}}, {"noise_std": ((50**0.5, 200**0.5), (0.0, 0.0), (0.0, 0.0))}),
-    ],
-    ids=str,
-)  # fmt: skip
+@pytest.mark.parametrize(("options", "stated"), [
+    ({}, {}), ({"actuator": {"delay": 0.004, "delay_samples": 1}}, {"delay": (0.014, 0.014)}),
+    ({"actuator": {"delay": {"uniform": [0.001, 0.005]}}}, {"delay": (0.001, 0.005)}),
+    ({"actuator": {"delay_samples": {"choice": [2, 1]}, "delay": 0.001}}, {"delay": (0.011, 0.021)}),
+    ({"actuator": {"lag": {"log_uniform": [0.001, 0.005]}}}, {"lag": (0.001, 0.005)}),
+    ({"actuator": {"rate_limit": [{"choice": [9.0, 5.0]}, 7.0]}}, {"rate_limit": (5.0, 7.0)}),
+    ({"encoder": {"latency": 2}}, {"latency": 0.02}),
+    ({"encoder": {"counts": (1000, 2000)}}, {"resolution": (2e-3 * np.pi, 1e-3 * np.pi)}),
+    ({"noise": {"position": {"quantization": 0.01}}}, {"resolution": (0.01, 0.01)}),
+    ({"noise": {"velocity": {"uniform": [0.1, 0.2]}}}, {"noise_std": ((0.0, 0.0), (0.2, 0.2), (0.0, 0.0))}),
+    ({"noise": {"position": {"density": (1.0, 2.0)}}}, {"noise_std": ((50**0.5, 200**0.5), (0.0, 0.0), (0.0, 0.0))}),
+], ids=str)  # fmt: skip
 def test_the_interface_states_drive_and_sensors(options, stated):
     interface = TwoLinkArmEnv(**options).interface
     for name in FIELDS:
@@ -41,17 +34,13 @@ def test_the_interface_states_drive_and_sensors(options, stated):
     assert hash(interface) == hash(dataclasses.replace(interface))
 
 
-@pytest.mark.parametrize(
-    "options",
-    [
-        {"friction": {"coulomb": {"uniform": [0, 20]}, "viscous": 3.0}},
-        {"parameter_error": {"radius": 1.0, "payload": {"uniform": [0, 5]}}}, {"actuator": {"gain": 1.3}},
-        {"actuator": {"gain": {"uniform": [0.9, 1.1]}}}, {"noise": {"position": {"bias": {"uniform": [-0.1, 0.1]}}}},
-        {"initial_error": {"uniform": [-0.1, 0.1]}, "initial_velocity": 0.5},
-        {"disturbance": {"kind": "sine", "amplitude": {"uniform": [0, 5]}}},
-    ],
-    ids=str,
-)  # fmt: skip
+@pytest.mark.parametrize("options", [
+    {"friction": {"coulomb": {"uniform": [0, 20]}, "viscous": 3.0}},
+    {"parameter_error": {"radius": 1.0, "payload": {"uniform": [0, 5]}}}, {"actuator": {"gain": 1.3}},
+    {"actuator": {"gain": {"uniform": [0.9, 1.1]}}}, {"noise": {"position": {"bias": {"uniform": [-0.1, 0.1]}}}},
+    {"initial_error": {"uniform": [-0.1, 0.1]}, "initial_velocity": 0.5},
+    {"disturbance": {"kind": "sine", "amplitude": {"uniform": [0, 5]}}},
+], ids=str)  # fmt: skip
 def test_the_interface_hides_the_errors_of_the_real_arm(options):
     assert TwoLinkArmEnv(**options).interface == IDEAL
 
@@ -98,21 +87,7 @@ def test_a_datasheet_changes_the_interface_and_no_bit_of_the_arm(name):
     np.testing.assert_equal(vars(truth_told), vars(truth))
 
 
-def errors(told, law):
-    """Return the mean error of a law at a delay of 20 ms [rad]."""
-    env = TwoLinkArmEnv(duration=2.0, actuator={"delay": 0.02}, datasheet=told)
-    return np.abs(tracking(make(law, env), env, env.scenario.steps)[0]).mean()
-
-
 def test_a_predictor_trusts_the_datasheet_and_an_oracle_does_not():
-    assert errors({"delay": 0.01}, "computed-torque+predictor") > 1.5 * errors(None, "computed-torque+predictor")
-    assert errors({"delay": 0.0}, "oracle-flm") == errors(None, "oracle-flm")
-
-
-def test_a_file_a_sweep_and_show_have_it(tmp_path):
-    (tmp_path / "told.toml").write_text('base = "servo-delay-2"\n[datasheet]\ndelay = 0.001\n')
-    task = scenarios.get(str(tmp_path / "told.toml"))
-    assert task.actuator == scenarios.get("servo-delay-2").actuator
-    assert ("datasheet.delay [s]", "0.001") in list(options(task))
-    assert with_option(task, "datasheet.delay", 0.002).datasheet.delay == 0.002
-    assert with_option(Scenario(), "datasheet.lag", 0.002).datasheet.lag == 0.002
+    late, policy = {"actuator": {"delay": 0.02}, "steps": 200, "skip": 0, "lanes": 1}, "computed-torque+predictor"
+    assert mean_error(policy, datasheet={"delay": 0.01}, **late) > 1.5 * mean_error(policy, **late)
+    assert mean_error("oracle-flm", datasheet={"delay": 0.0}, **late) == mean_error("oracle-flm", **late)

@@ -178,15 +178,12 @@ def test_finer_steps_and_another_integrator_converge():
     assert distance(exact, fine, "position") < 0.3 * distance(exact, coarse, "position") < 1e-3
 
 
-@pytest.mark.parametrize(
-    ("level", "friction", "joint", "moves"),
-    [
-        (25, "coulomb", None, True),
-        (25, "breakaway", None, False),
-        (25, "breakaway", ELASTIC["joint"], False),
-        (35, "breakaway", None, True),
-    ],
-)
+@pytest.mark.parametrize(("level", "friction", "joint", "moves"), [
+    (25, "coulomb", None, True),
+    (25, "breakaway", None, False),
+    (25, "breakaway", ELASTIC["joint"], False),
+    (35, "breakaway", None, True),
+])  # fmt: skip
 def test_friction_holds_the_drives(level, friction, joint, moves):
     """A hanging arm, pushed below and above MuJoCo's friction loss, which lets it creep by some mrad/s."""
     down = {"kind": "steps", "points": [[-np.pi / 2, 0.0]]}

@@ -101,14 +101,10 @@ def readings(**options):
     return seen[..., layout["position"]], seen[..., layout["velocity"]], truths
 
 
-@pytest.mark.parametrize(
-    "encoder",
-    [
-        4096, {"counts": (500, 1000)}, {"difference": 2}, {"difference": 1, "low_pass": 20.0}, {"latency": 3},
-        {"dropout": 0.1, "dropout_length": 2},
-    ],
-    ids=str,
-)  # fmt: skip
+@pytest.mark.parametrize("encoder", [
+    4096, {"counts": (500, 1000)}, {"difference": 2}, {"difference": 1, "low_pass": 20.0}, {"latency": 3},
+    {"dropout": 0.1, "dropout_length": 2},
+], ids=str)  # fmt: skip
 def test_an_encoder_reaches_the_readings_and_nothing_else(encoder):
     layout, seen, truths = play(encoder=encoder)
     assert same(truths, plain()[2], *PLANT)

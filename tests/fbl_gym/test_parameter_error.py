@@ -16,15 +16,11 @@ def ratios(truths, index=0):
     return np.hstack([truth.masses, truth.lengths]) / [TABLE_1.m1, TABLE_1.m2, TABLE_1.L1, TABLE_1.L2]
 
 
-@pytest.mark.parametrize(
-    "error",
-    [
-        {"radius": 1.0},
-        {"ratio": {"m1": 3.0, "L2": 0.5}, "radius": 0.25},
-        {"radius": 1.0, "sampling": "together", "parameters": ("m2", "L1")},
-    ],
-    ids=str,
-)
+@pytest.mark.parametrize("error", [
+    {"radius": 1.0},
+    {"ratio": {"m1": 3.0, "L2": 0.5}, "radius": 0.25},
+    {"radius": 1.0, "sampling": "together", "parameters": ("m2", "L1")},
+], ids=str)  # fmt: skip
 def test_a_radius_draws_factors_log_uniformly_around_the_ratio(error):
     """A factor for each parameter, or one for some of them; the others have none."""
     factors = ratios(play(steps=1, lanes=4096, parameter_error=error)[2]) / np.array(ParameterError(**error).ratio)

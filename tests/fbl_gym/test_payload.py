@@ -45,16 +45,12 @@ def test_the_drop_of_a_payload_that_an_event_released_leaves_another_one():
 PICK_UP = [{"kind": "pick-up", "time": 0.05, "mass": 6.0}]
 
 
-@pytest.mark.parametrize(
-    ("payload", "events", "own", "other"),
-    [
-        ({}, [], 3.0, 0.0), ({}, PICK_UP, 3.0, 6.0), ({"mass": 0.0}, PICK_UP, 0.0, 6.0), ({"drop": 0.03}, PICK_UP, 0.0, 6.0),
-        ({"drop": 0.07}, PICK_UP, 0.0, 6.0), ({"pick_up": 0.07}, PICK_UP, 3.0, 6.0),
-        ({"pick_up": 0.09}, [*PICK_UP, {"kind": "drop", "time": 0.07}], 3.0, 0.0),
-        ({"drop": 0.09}, [*PICK_UP, {"kind": "drop", "time": 0.03}], 0.0, 6.0),
-    ],
-    ids=str,
-)  # fmt: skip
+@pytest.mark.parametrize(("payload", "events", "own", "other"), [
+    ({}, [], 3.0, 0.0), ({}, PICK_UP, 3.0, 6.0), ({"mass": 0.0}, PICK_UP, 0.0, 6.0), ({"drop": 0.03}, PICK_UP, 0.0, 6.0),
+    ({"drop": 0.07}, PICK_UP, 0.0, 6.0), ({"pick_up": 0.07}, PICK_UP, 3.0, 6.0),
+    ({"pick_up": 0.09}, [*PICK_UP, {"kind": "drop", "time": 0.07}], 3.0, 0.0),
+    ({"drop": 0.09}, [*PICK_UP, {"kind": "drop", "time": 0.03}], 0.0, 6.0),
+], ids=str)  # fmt: skip
 def test_what_an_event_picks_up_hangs_at_the_tip_whatever_the_other_payloads_size(payload, events, own, other):
     """Lumped parameters, and the moments of the last segment of links that bend, are sums over the bodies."""
     error = {"payload": {"mass": 3.0, "offset": 0.2, "radius": 0.1, **payload}}

@@ -28,11 +28,6 @@ def pinocchio(arm, payload=0.0):
     return model, model.createData()
 
 
-def nothing(*_):
-    """No torque of a disturbance or a drive."""
-    return 0.0, 0.0
-
-
 @dataclasses.dataclass(frozen=True)
 class World:
     """A real arm and its loads. `sliding` is a constant friction torque; `jumps` are instants of new levels."""
@@ -40,7 +35,7 @@ class World:
     arm: ArmParameters
     viscous: tuple[float, float] = (0.0, 0.0)
     sliding: tuple[float, float] = (0.0, 0.0)
-    disturbance: Callable[[float], tuple[float, float]] = nothing
+    disturbance: Callable[[float], tuple[float, float]] = lambda _: (0.0, 0.0)
     jumps: tuple[float, ...] = ()
     lag: float = 0.0
     delay: float = 0.0

@@ -222,14 +222,10 @@ def test_a_single_point_is_a_constant_reference():
         assert not a.any()
 
 
-@pytest.mark.parametrize(
-    ("arm", "load", "stated", "limit"),
-    [
-        (ArmParameters(), 15.0, (1683, 749), (2000, 800)),
-        (ArmParameters(0.7, 0.5, 20.0, 15.0), 0.5, (62300, 19700), (70000, 22000)),
-    ],
-    ids=["table-1", "section-2-2"],
-)
+@pytest.mark.parametrize(("arm", "load", "stated", "limit"), [
+    (ArmParameters(), 15.0, (1683, 749), (2000, 800)),
+    (ArmParameters(0.7, 0.5, 20.0, 15.0), 0.5, (62300, 19700), (70000, 22000)),
+], ids=["table-1", "section-2-2"])  # fmt: skip
 def test_no_move_in_the_box_needs_more_than_the_stated_torque(arm, load, stated, limit):
     """Between any two points of a 7 x 7 grid over the box, at the uncertainty's corners: torque is linear in each mass.
 

@@ -10,7 +10,6 @@ import imageio_ffmpeg
 import numpy as np
 import pytest
 from gymnasium.error import DependencyNotInstalled, ResetNeeded
-from gymnasium.utils.env_checker import check_env
 from gymnasium.wrappers import RecordVideo
 from scipy import ndimage
 
@@ -25,9 +24,8 @@ ACTION = np.array([0.1, -0.05])
 
 
 @pytest.fixture(autouse=True)
-def _without_a_display(monkeypatch):
-    """Windows go nowhere."""
-    monkeypatch.setenv("SDL_VIDEODRIVER", "dummy")
+def _without_windows():
+    """Closes the windows of the test."""
     yield
     render.pygame.display.quit()
 
@@ -52,11 +50,10 @@ def count(frame, colour):
 
 def discs(frame, points):
     """Return the centre of the joint's disc that is nearest to each point."""
-    labels, n = ndimage.label(mask(frame, INK))
-    sizes = ndimage.sum_labels(np.ones_like(labels), labels, range(1, n + 1))
+    labels, _ = ndimage.label(mask(frame, INK))
+    large = np.flatnonzero(np.bincount(labels.ravel()) > 30)[1:]  # without the background
     # A pixel's middle lies half a pixel from its corner.
-    centres = [ndimage.center_of_mass(labels == k + 1)[::-1] for k in range(n) if sizes[k] > 30]
-    centres = np.array(centres) + 0.5
+    centres = np.array(ndimage.center_of_mass(labels, labels, large))[:, ::-1] + 0.5
     return np.array([centres[np.hypot(*(centres - point).T).argmin()] for point in points])
 
 
@@ -71,14 +68,10 @@ def test_joints_are_drawn_at_the_positions_of_the_kinematics(size, lengths):
         np.testing.assert_allclose(seen, expected, atol=0.5)
 
 
-@pytest.mark.parametrize(
-    "options",
-    [
-        {"parameter_error": {"ratio": {"L1": 1.3}, "payload": 3.0}, "initial_error": 0.3},
-        {"link": 1.5, "reference": {"kind": "sine", "amplitude": 0.0, "centre": (0.0, 0.5)}},
-    ],
-    ids=["longer", "bent"],
-)
+@pytest.mark.parametrize("options", [
+    {"parameter_error": {"ratio": {"L1": 1.3}, "payload": 3.0}, "initial_error": 0.3},
+    {"link": 1.5, "reference": {"kind": "sine", "amplitude": 0.0, "centre": (0.0, 0.5)}},
+], ids=["longer", "bent"])  # fmt: skip
 def test_an_environment_draws_the_real_arm(options):
     """Elbow and tip by complex numbers: a link turns by its bend at 0.15 of its length."""
     env = started(**options, render_mode="rgb_array")
@@ -131,9 +124,7 @@ def test_drawing_changes_no_episode():
         expected = plain.step(action)
         for env in others:
             env.render()
-            step = env.step(action)
-            np.testing.assert_array_equal(step[0], expected[0])
-            assert step[1:] == expected[1:]
+            np.testing.assert_equal(env.step(action), expected)
 
 
 def test_without_pygame_the_error_names_the_extra_to_install(monkeypatch):
@@ -143,11 +134,6 @@ def test_without_pygame_the_error_names_the_extra_to_install(monkeypatch):
     monkeypatch.delitem(sys.modules, "fbl_gym.view.picture")
     with pytest.raises(DependencyNotInstalled, match=r"pip install 'fbl-gym\[render\]'"):
         env.render()
-
-
-@pytest.mark.parametrize("mode", ["human", "rgb_array"])
-def test_checker_passes_with_a_render_mode(mode):
-    check_env(gym.make(ID, scenario="everything-1", render_mode=mode).unwrapped, skip_render_check=False)
 
 
 def test_a_window_shows_the_episode_in_real_time_until_close():

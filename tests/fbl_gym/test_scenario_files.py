@@ -66,18 +66,15 @@ def test_a_world_moves_the_arm_of_a_file(folder):
     assert scenarios.get(f"{folder}/rigid.toml@mujoco").plant is not None
 
 
-@pytest.mark.parametrize(
-    ("text", "message"),
-    [
-        ("noise.positon = 1.0", "^bad.toml: unknown field of noise 'positon'; did you mean 'position'"),
-        ("nois = 1.0", "^bad.toml: unknown field of scenario 'nois'; did you mean 'noise'"),
-        ("control_dt = -1.0", "^bad.toml: control_dt must be"),
-        ("base = 'nomnal'", "^bad.toml: unknown scenario 'nomnal'; did you mean 'nominal'"),
-        ("control_dt =", "^bad.toml is no TOML"),
-        ("scenarios = ['nominal']", "^bad.toml is a suite: give it to --suite, or name one of its scenarios, bad.toml:NAME"),
-        ('base = "child.toml"', r"(bad|child).toml: base must be another scenario, but leads back"),
-    ],
-)  # fmt: skip
+@pytest.mark.parametrize(("text", "message"), [
+    ("noise.positon = 1.0", "^bad.toml: unknown field of noise 'positon'; did you mean 'position'"),
+    ("nois = 1.0", "^bad.toml: unknown field of scenario 'nois'; did you mean 'noise'"),
+    ("control_dt = -1.0", "^bad.toml: control_dt must be"),
+    ("base = 'nomnal'", "^bad.toml: unknown scenario 'nomnal'; did you mean 'nominal'"),
+    ("control_dt =", "^bad.toml is no TOML"),
+    ("scenarios = ['nominal']", "^bad.toml is a suite: give it to --suite, or name one of its scenarios, bad.toml:NAME"),
+    ('base = "child.toml"', r"(bad|child).toml: base must be another scenario, but leads back"),
+])  # fmt: skip
 def test_an_error_names_the_file_and_the_key_once(text, message, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     (tmp_path / "bad.toml").write_text(text)
@@ -124,15 +121,12 @@ def test_an_arm_may_be_in_kg_m_and_kg_m2(tmp_path):
             as_scenario({**plain, "arm": {**plain["arm"], **more}})
 
 
-@pytest.mark.parametrize(
-    ("arm", "doubt"),
-    [
-        ("centre = [4.5, 0.5]", "the centre of mass of link 1 is 4.5 link lengths from its joint"),
-        ("centre = [-0.3, 1.1]", ""),  # a counterweight, and a centre just beyond the end
-        ("inertia = [0.1, 2.0]", "the inertia of link 2 is 2 times its mass times its length squared"),
-        ("L1 = 350.0", "link 1 is 350 m long"),
-    ],
-)
+@pytest.mark.parametrize(("arm", "doubt"), [
+    ("centre = [4.5, 0.5]", "the centre of mass of link 1 is 4.5 link lengths from its joint"),
+    ("centre = [-0.3, 1.1]", ""),  # a counterweight, and a centre just beyond the end
+    ("inertia = [0.1, 2.0]", "the inertia of link 2 is 2 times its mass times its length squared"),
+    ("L1 = 350.0", "link 1 is 350 m long"),
+])  # fmt: skip
 def test_a_number_that_looks_like_a_mistake_of_units_warns(tmp_path, arm, doubt):
     (tmp_path / "far.toml").write_text(f'base = "nominal"\n[arm]\n{arm}\n')
     with warnings.catch_warnings(record=True, action="always") as caught:

@@ -114,14 +114,11 @@ def test_a_state_has_the_earlier_observations():
             env.set_state(state[0])
 
 
-@pytest.mark.parametrize(
-    ("options", "message"),
-    [
-        ({"history": -1}, "history must be a whole number not below 0"),
-        ({"fine": 0.0}, "fine must be .* greater than 0, got 0"),
-        ({"fine": (1, 2, 3)}, r"fine must be one number, or one for each"),
-    ],
-)
+@pytest.mark.parametrize(("options", "message"), [
+    ({"history": -1}, "history must be a whole number not below 0"),
+    ({"fine": 0.0}, "fine must be .* greater than 0, got 0"),
+    ({"fine": (1, 2, 3)}, r"fine must be one number, or one for each"),
+])  # fmt: skip
 def test_a_wrong_option_is_named(options, message):
     with pytest.raises(ValueError, match=message):
         TwoLinkArmTrackingEnv(**options)

@@ -83,23 +83,20 @@ HOLD = """<link name="world"/><joint name="hold" type="fixed"><parent link="worl
 NO_TIP = chain().replace('<origin xyz="0.3 0 0"/></joint>\n    </robot>', "</joint></robot>")
 
 
-@pytest.mark.parametrize(
-    ("text", "tolerance", "doubts"),
-    [
-        (chain(), 1e-9, ""),
-        (chain(axis2="0 -2 0", kind="continuous", base='0 0 1" rpy="0.5 0.2 -0.7'), 1e-9, ""),
-        (chain().replace("0 1 0", "0 0 1"), 1e-9, "the tip 0.1 rad beside it"),
-        (chain(extra=fixed("camera", "0.1 0 0", '<axis xyz="0 0 0"/>')), 1e-9, "tool, the farthest frame: name another, as in"),
-        (NO_TIP, 1e-9, "no frame at the tip: the length of link 2 is taken to be 0.2 m"),
-        (chain(extra=HOLD).replace("<robot", '<robot xmlns="https://drake.mit.edu"'), 1e-9, ""),
-        (chain(centre2="0.12 0.02 0.03"), 1e-9, "tip 0.15 rad"),
-        (chain(extra=BEHIND), 1e-9, ""),
-        (chain(elbow='0.4 0.05 0" rpy="0 3.14 0'), 1e-9, ""),
-        (chain(elbow="0.4 0.05 2e-6"), 1e-4, "link 1 is 9.4e-07 m beside its line: 3.7e-05 N m are neglected"),
-        (chain(elbow='0.4 0.05 0" rpy="3.14 0 0'), 1e-2, "0.0016 rad between the axes is neglected"),
-        (chain(base='0 0 1" rpy="1.57 0 0'), 3e-2, "gravity is neglected, since the axes are 0.0008 rad"),
-    ],
-)  # fmt: skip
+@pytest.mark.parametrize(("text", "tolerance", "doubts"), [
+    (chain(), 1e-9, ""),
+    (chain(axis2="0 -2 0", kind="continuous", base='0 0 1" rpy="0.5 0.2 -0.7'), 1e-9, ""),
+    (chain().replace("0 1 0", "0 0 1"), 1e-9, "the tip 0.1 rad beside it"),
+    (chain(extra=fixed("camera", "0.1 0 0", '<axis xyz="0 0 0"/>')), 1e-9, "tool, the farthest frame: name another, as in"),
+    (NO_TIP, 1e-9, "no frame at the tip: the length of link 2 is taken to be 0.2 m"),
+    (chain(extra=HOLD).replace("<robot", '<robot xmlns="https://drake.mit.edu"'), 1e-9, ""),
+    (chain(centre2="0.12 0.02 0.03"), 1e-9, "tip 0.15 rad"),
+    (chain(extra=BEHIND), 1e-9, ""),
+    (chain(elbow='0.4 0.05 0" rpy="0 3.14 0'), 1e-9, ""),
+    (chain(elbow="0.4 0.05 2e-6"), 1e-4, "link 1 is 9.4e-07 m beside its line: 3.7e-05 N m are neglected"),
+    (chain(elbow='0.4 0.05 0" rpy="3.14 0 0'), 1e-2, "0.0016 rad between the axes is neglected"),
+    (chain(base='0 0 1" rpy="1.57 0 0'), 3e-2, "gravity is neglected, since the axes are 0.0008 rad"),
+])  # fmt: skip
 def test_the_dynamics_equals_pinocchios(file, text, tolerance, doubts):
     """To rounding, or within what the file's reader says that it neglected."""
     path = file(text)
@@ -186,24 +183,21 @@ HEAVY = chain().replace('value="3.0"', 'value="1e300"').replace('iyy="0.02"', 'i
 WEIGHTLESS = chain().replace(inertial(2.0, "0.12 0.02 0", 0.01), "").replace(inertial(0.5, "0.02 0 0", 0.002), "")
 
 
-@pytest.mark.parametrize(
-    ("text", "message"),
-    [
-        (chain().replace('<joint name="shoulder"', "<joint"), "must be a URDF file: KeyError: 'name'"),
-        (chain(extra=THIRD.replace('"two"', '"nothing"')), "the joints wrist hang on no link: nothing"),
-        (chain(kind="prismatic"), "two revolute joints, got shoulder, elbow .prismatic"),
-        (chain().replace("<axis", '<mimic joint="shoulder"/><axis'), "elbow .a mimic of shoulder"),
-        (chain(extra="<xacro:arm/>"), "xacro .* > arm.urdf"),
-        (chain(axis2="0 0 1"), "parallel axes"),
-        (chain(axis2="0 0 0"), "axis of elbow must have a direction"),
-        (HEAVY, "the arm must have inertia"),
-        (chain(elbow="0 0.1 0"), "joints apart.*'shoulder' and 'elbow'"),
-        (chain(tip="0 0 0", centre2="0 0 0").replace("0.02 0 0", "0 0 0"), "frame at its tip"),
-        (chain(elbow="0.4 0.05 0.05"), "link 1 on the line.* beside it"),
-        (WEIGHTLESS, "a mass"),
-        (chain().replace('"one"/><child link="two"/>', '"base"/><child link="two"/>'), "a chain"),
-    ],
-)
+@pytest.mark.parametrize(("text", "message"), [
+    (chain().replace('<joint name="shoulder"', "<joint"), "must be a URDF file: KeyError: 'name'"),
+    (chain(extra=THIRD.replace('"two"', '"nothing"')), "the joints wrist hang on no link: nothing"),
+    (chain(kind="prismatic"), "two revolute joints, got shoulder, elbow .prismatic"),
+    (chain().replace("<axis", '<mimic joint="shoulder"/><axis'), "elbow .a mimic of shoulder"),
+    (chain(extra="<xacro:arm/>"), "xacro .* > arm.urdf"),
+    (chain(axis2="0 0 1"), "parallel axes"),
+    (chain(axis2="0 0 0"), "axis of elbow must have a direction"),
+    (HEAVY, "the arm must have inertia"),
+    (chain(elbow="0 0.1 0"), "joints apart.*'shoulder' and 'elbow'"),
+    (chain(tip="0 0 0", centre2="0 0 0").replace("0.02 0 0", "0 0 0"), "frame at its tip"),
+    (chain(elbow="0.4 0.05 0.05"), "link 1 on the line.* beside it"),
+    (WEIGHTLESS, "a mass"),
+    (chain().replace('"one"/><child link="two"/>', '"base"/><child link="two"/>'), "a chain"),
+])  # fmt: skip
 def test_a_file_that_does_not_fit_is_refused(file, text, message):
     with pytest.raises(ValueError, match=message):
         read_robot(file(text))

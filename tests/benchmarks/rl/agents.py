@@ -1,9 +1,16 @@
-"""Untrained agents for tests."""
+"""Untrained agents for tests, and arms to train on."""
 
 import numpy as np
 
 from benchmarks.agents.adapter import AgentAdapter
 from benchmarks.agents.network import Actor
+from benchmarks.training.vec_env import VectorAdapter
+from fbl_gym import TwoLinkArmVectorEnv
+
+
+def batch(lanes, settings, scenario=None, **options):
+    """Return a batch of arms with an agent's view of it."""
+    return VectorAdapter(TwoLinkArmVectorEnv(lanes, scenario, autoreset_mode="SameStep", **options), settings)
 
 
 def random_actor(settings, interface, seed=0):

@@ -13,10 +13,9 @@ from benchmarks.policies.spec import resolve
 from benchmarks.report.columns import columns
 from benchmarks.run.cell import Cell
 from benchmarks.run.runner import run_cell
-from benchmarks.training.vec_env import VectorAdapter
 from fbl_gym import TwoLinkArmEnv, TwoLinkArmVectorEnv, scenarios
 from fbl_gym.model.arm import forward_dynamics
-from tests.benchmarks.rl.agents import random_actor
+from tests.benchmarks.rl.agents import batch, random_actor
 
 MOTION = ("position", "velocity")
 PAYLOAD = {"mass": 10.0, "pick_up": 0.1, "drop": 0.2}
@@ -31,10 +30,6 @@ def start(scenario, *settings, **more):
     return env, observation, torque
 
 
-def batch(lanes, settings, scenario=None, **options):
-    return VectorAdapter(TwoLinkArmVectorEnv(lanes, scenario, autoreset_mode="SameStep", **options), settings)
-
-
 def first_seen(env, settings):
     """Return what an agent observes first, which has the size of its adapter."""
     adapter, observation = AgentAdapter(settings, env.interface), env.reset(seed=0)[0][None]
@@ -43,13 +38,10 @@ def first_seen(env, settings):
     return seen
 
 
-@pytest.mark.parametrize(
-    ("action", "history", "preview", "period"),
-    [
-        ("torque", 0, 0, 1), ("residual", 3, 0, 1), ("residual", 0, 4, 1), ("residual", 3, 4, 1), ("blend", 1, 0, 1),
-        ("residual", 2, 0, 5), ("torque", 0, 7, 5),
-    ],
-)  # fmt: skip
+@pytest.mark.parametrize(("action", "history", "preview", "period"), [
+    ("torque", 0, 0, 1), ("residual", 3, 0, 1), ("residual", 0, 4, 1), ("residual", 3, 4, 1), ("blend", 1, 0, 1),
+    ("residual", 2, 0, 5), ("torque", 0, 7, 5),
+])  # fmt: skip
 def test_an_agent_acts_as_in_training(action, history, preview, period):
     """Closed loops on the plain environment and on the training environment are equal over several episodes.
 
@@ -128,18 +120,15 @@ def test_an_agent_observes_the_datasheet_of_arm_springs_and_sensors():
         np.testing.assert_allclose(seen[13:], 1e3 * np.array([*interface.noise_std[0], *interface.resolution]))
 
 
-@pytest.mark.parametrize(
-    ("settings", "message"),
-    [
-        ({"action": "torques"}, "unknown action 'torques'; did you mean 'torque'"),
-        ({"base": "cascade"}, "unknown base 'cascade'; did you mean 'cascade-flm'"),
-        ({"action": "blend"}, "second must be a law for a blend alone, and another than base, got ''"),
-        ({"action": "blend", "base": "lqg", "second": "lqg"}, "another than base, got 'lqg'"),
-        ({"memory": -1.0}, "memory must be a finite number not below 0, got -1.0"),
-        ({"history": -1}, "history must be a whole number not below 0, got -1"),
-        ({"scales": (0.1, -1.0, 10.0)}, r"scales\[1\] must be a finite number greater than 0, got -1.0"),
-    ],
-)
+@pytest.mark.parametrize(("settings", "message"), [
+    ({"action": "torques"}, "unknown action 'torques'; did you mean 'torque'"),
+    ({"base": "cascade"}, "unknown base 'cascade'; did you mean 'cascade-flm'"),
+    ({"action": "blend"}, "second must be a law for a blend alone, and another than base, got ''"),
+    ({"action": "blend", "base": "lqg", "second": "lqg"}, "another than base, got 'lqg'"),
+    ({"memory": -1.0}, "memory must be a finite number not below 0, got -1.0"),
+    ({"history": -1}, "history must be a whole number not below 0, got -1"),
+    ({"scales": (0.1, -1.0, 10.0)}, r"scales\[1\] must be a finite number greater than 0, got -1.0"),
+])  # fmt: skip
 def test_wrong_settings_are_refused(settings, message):
     with pytest.raises(ValueError, match=message):
         AdapterSettings(**settings)
@@ -150,14 +139,11 @@ def test_a_torque_is_a_share_of_the_drives_limits():
     np.testing.assert_allclose(torque(1.0, -0.5)[0], env.interface.torque_limit * np.array([1.0, -0.5]))
 
 
-@pytest.mark.parametrize(
-    ("options", "settings", "message"),
-    [
-        ({"action": "torque", "actuator": {"torque_limit": None}}, {}, "actions are shares of torque limits"),
-        ({"scenario": "servo-nominal"}, {}, "sensors of position, velocity, acceleration, got position, velocity"),
-        ({"preview": 4}, {"preview": 0.05}, "needs preview=5, got preview=4"),
-    ],
-)
+@pytest.mark.parametrize(("options", "settings", "message"), [
+    ({"action": "torque", "actuator": {"torque_limit": None}}, {}, "actions are shares of torque limits"),
+    ({"scenario": "servo-nominal"}, {}, "sensors of position, velocity, acceleration, got position, velocity"),
+    ({"preview": 4}, {"preview": 0.05}, "needs preview=5, got preview=4"),
+])  # fmt: skip
 def test_an_agent_that_is_not_applicable_is_refused(options, settings, message):
     with pytest.raises(ValueError, match=f"not applicable: the agent.* {message}"):
         Agent(TwoLinkArmEnv(**options).interface, AdapterSettings(**settings), None)

@@ -103,15 +103,12 @@ def test_a_lane_has_the_same_bits_alone_and_in_a_batch():
     np.testing.assert_array_equal(actor(np.asfortranarray(observations)), actor(observations))
 
 
-@pytest.mark.parametrize(
-    ("make", "message"),
-    [
-        (lambda: network()(np.zeros((1, 12))), "observation must have 13 entries for this network, got 12"),
-        (lambda: Actor((), "tan", "clip"), "unknown activation 'tan'; did you mean 'tanh'"),
-        (lambda: Actor((), "tanh", "clipped"), "unknown output 'clipped'; did you mean 'clip'"),
-        (lambda: policy.td3(TwoLinkArmEnv().interface, seed=9), "unknown training seed 9"),
-    ],
-)
+@pytest.mark.parametrize(("make", "message"), [
+    (lambda: network()(np.zeros((1, 12))), "observation must have 13 entries for this network, got 12"),
+    (lambda: Actor((), "tan", "clip"), "unknown activation 'tan'; did you mean 'tanh'"),
+    (lambda: Actor((), "tanh", "clipped"), "unknown output 'clipped'; did you mean 'clip'"),
+    (lambda: policy.td3(TwoLinkArmEnv().interface, seed=9), "unknown training seed 9"),
+])  # fmt: skip
 def test_a_wrong_argument_is_named(make, message):
     with pytest.raises(ValueError, match=message):
         make()

@@ -16,14 +16,14 @@ from stable_baselines3.common.monitor import Monitor
 from stable_baselines3.common.vec_env import DummyVecEnv, VecFrameStack, VecNormalize
 
 import controllers
-import fbl_gym
 from benchmarks.agents.adapter import AdapterSettings
 from benchmarks.agents.sb3 import ALGORITHMS, find_class, load_zip, statistics
 from benchmarks.policies.loading import Untrusted
 from benchmarks.policies.spec import resolve
 from benchmarks.training.off_policy import export
-from benchmarks.training.vec_env import ArmVecEnv, VectorAdapter
+from benchmarks.training.vec_env import ArmVecEnv
 from fbl_gym import TwoLinkArmEnv, TwoLinkArmTrackingEnv, TwoLinkArmTrackingVectorEnv, TwoLinkArmVectorEnv
+from tests.benchmarks.rl.agents import batch
 from tests.controllers.closed_loop import broken_promises
 
 ROOT = Path(__file__).parents[3]
@@ -55,15 +55,12 @@ def rescaled():
     return gymnasium.wrappers.RescaleObservation(TwoLinkArmEnv(), np.float64(-1), np.float64(1))
 
 
-@pytest.mark.parametrize(
-    ("env", "message"),
-    [
-        (rescaled, "observation_space .* -25.1327 to 25.1327, .* got .* of -1 to 1: train .*TwoLinkArmTracking-v0"),
-        (lambda: TwoLinkArmEnv(action="torque"), 'got .* of -2000 to 2000, -800 to 800: train it .*"normalized"'),
-        (lambda: TwoLinkArmTrackingEnv(action="torque"), "got .* of -2000 to 2000, -800 to 800: train it with action="),
-        (lambda: TwoLinkArmEnv(action="acceleration"), 'got .* of -100 to 100: train it with action="normalized"'),
-    ],
-)
+@pytest.mark.parametrize(("env", "message"), [
+    (rescaled, "observation_space .* -25.1327 to 25.1327, .* got .* of -1 to 1: train .*TwoLinkArmTracking-v0"),
+    (lambda: TwoLinkArmEnv(action="torque"), 'got .* of -2000 to 2000, -800 to 800: train it .*"normalized"'),
+    (lambda: TwoLinkArmTrackingEnv(action="torque"), "got .* of -2000 to 2000, -800 to 800: train it with action="),
+    (lambda: TwoLinkArmEnv(action="acceleration"), 'got .* of -100 to 100: train it with action="normalized"'),
+])  # fmt: skip
 def test_an_archive_of_other_observations_or_actions_is_refused(env, message, tmp_path):
     """Although their shapes are those of the environment."""
     _, path = save_model(tmp_path, env())
@@ -92,16 +89,13 @@ def test_an_archive_of_any_algorithm_acts_as_it_was_saved_with_trust_alone(algor
     same_action(resolve(str(path), trust=True).make(env), model, observation)
 
 
-@pytest.mark.parametrize(
-    ("algorithm", "options"),
-    [
-        ("PPO", {}),
-        ("PPO", {"scenario": "servo-delay-2", "preview": 3}),
-        ("PPO", {"scenario": "servo-delay-2", "history": 2, "fine": (0.002, 0.05), "drive": True}),
-        ("PPO", {"scenario": "geared-nominal", "past_actions": 0, "history": 1, "drive": True}),
-        ("RecurrentPPO", {"scenario": "servo-delay-2"}),
-    ],
-)
+@pytest.mark.parametrize(("algorithm", "options"), [
+    ("PPO", {}),
+    ("PPO", {"scenario": "servo-delay-2", "preview": 3}),
+    ("PPO", {"scenario": "servo-delay-2", "history": 2, "fine": (0.002, 0.05), "drive": True}),
+    ("PPO", {"scenario": "geared-nominal", "past_actions": 0, "history": 1, "drive": True}),
+    ("RecurrentPPO", {"scenario": "servo-delay-2"}),
+])  # fmt: skip
 def test_an_archive_of_the_tracking_environment_acts_on_the_arm_as_it_was_saved(algorithm, options, tmp_path):
     tracking = TwoLinkArmTrackingEnv(**options)
     model, path = save_model(tmp_path, tracking, algorithm)
@@ -233,15 +227,12 @@ def test_rl_zoo3_trains_with_the_shipped_file_and_its_archive_is_a_policy(tmp_pa
     assert env.action_space.contains(action)
 
 
-OFF_POLICY = {"learning_starts": 10, "buffer_size": 100}
-
-
 @pytest.mark.parametrize("algorithm", ALGORITHMS)
 def test_the_exported_actor_acts_like_sb3s(algorithm):
     """Equal to single precision, in which SB3 computes; after some learning, so that biases and normalization matter."""
-    arms = TwoLinkArmVectorEnv(2, "everything-2", autoreset_mode="SameStep")
-    options = {**OFF_POLICY, "seed": 0, "device": "cpu", "learning_rate": 0.01, "policy_kwargs": {"net_arch": [16, 16]}}
-    model = find_class(algorithm)("MlpPolicy", ArmVecEnv(VectorAdapter(arms, AdapterSettings())), **options)
+    env = ArmVecEnv(batch(2, AdapterSettings(), "everything-2"))
+    options = {"learning_starts": 10, "buffer_size": 100, "seed": 0, "device": "cpu", "learning_rate": 0.01}
+    model = find_class(algorithm)("MlpPolicy", env, policy_kwargs={"net_arch": [16, 16]}, **options)
     model.learn(64)
     observations = np.random.default_rng(0).uniform(-2, 2, (200, 12)).astype(np.float32)
     actions = model.predict(observations, deterministic=True)[0]
@@ -260,13 +251,9 @@ def batched():
     return ArmVecEnv(TwoLinkArmTrackingVectorEnv(LANES, autoreset_mode="SameStep", **OPTIONS))
 
 
-def singles():
-    make = lambda: gymnasium.make("fbl_gym/TwoLinkArmTracking-v0", **OPTIONS)
-    return DummyVecEnv([make] * LANES)
-
-
 def test_every_step_equals_that_of_single_environments():
-    ours, theirs = batched(), singles()
+    single = lambda: gymnasium.make("fbl_gym/TwoLinkArmTracking-v0", **OPTIONS)
+    ours, theirs = batched(), DummyVecEnv([single] * LANES)
     assert ours.observation_space == theirs.observation_space
     assert ours.action_space == theirs.action_space
     rng, ends, costs = np.random.default_rng(0), {True: 0, False: 0}, set()
@@ -298,8 +285,10 @@ def test_attributes_methods_and_autoreset_follow_sb3():
     assert env.get_attr("render_mode") == [None] * LANES
     assert env.get_attr("interface", indices=1) == [env._batch.envs[0].interface]
     batches = [TwoLinkArmVectorEnv(2, name, autoreset_mode="SameStep") for name in ("nominal", "everything-2")]
-    scenarios = ArmVecEnv(*batches).get_attr("scenario", [1, 2])
-    assert [scenario.name for scenario in scenarios] == ["nominal", "everything-2"]
+    several = ArmVecEnv(*batches)
+    assert [scenario.name for scenario in several.get_attr("scenario", [1, 2])] == ["nominal", "everything-2"]
+    several.seed(1)  # for each of them
+    np.testing.assert_array_equal(several.reset(), np.concatenate([each.reset(seed=1)[0] for each in batches]))
     assert env.env_is_wrapped(gymnasium.wrappers.TimeLimit) == [False] * LANES
     assert not env.has_attr("no_such_thing")
     for change in (lambda: env.set_attr("scenario", None), lambda: env.env_method("reset")):
@@ -307,31 +296,6 @@ def test_attributes_methods_and_autoreset_follow_sb3():
             change()
     with pytest.raises(ValueError, match="autoreset_mode"):
         ArmVecEnv(TwoLinkArmVectorEnv(2))
-
-
-def test_environments_side_by_side_are_one():
-    """Each has the seeds from the first on."""
-
-    def batch(scenario):
-        duration = 0.05 if scenario == "nominal" else 0.1
-        return fbl_gym.TwoLinkArmTrackingVectorEnv(2, scenario, autoreset_mode="SameStep", duration=duration)
-
-    names = ("nominal", "everything-2")
-    together, parts = ArmVecEnv(*map(batch, names)), [ArmVecEnv(batch(name)) for name in names]
-    for env in (together, *parts):
-        env.seed(1)
-    np.testing.assert_array_equal(together.reset(), np.concatenate([part.reset() for part in parts]))
-    rng, ends = np.random.default_rng(0), np.zeros(4)
-    for _ in range(12):
-        actions = rng.uniform(-1, 1, (4, 2)).astype(np.float32)
-        *signals, infos = together.step(actions)
-        one, two = parts[0].step(actions[:2]), parts[1].step(actions[2:])
-        for signal, *halves in zip(signals, one, two, strict=False):
-            np.testing.assert_array_equal(signal, np.concatenate(halves))
-        for info, half in zip(infos, one[3] + two[3], strict=True):
-            np.testing.assert_equal(info, half)
-        ends += signals[2]
-    assert ends.tolist() == [2, 2, 1, 1]
 
 
 def test_seeds_and_options_hold_for_one_reset():

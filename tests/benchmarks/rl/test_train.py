@@ -23,10 +23,11 @@ from benchmarks.training.progress import Progress
 from benchmarks.training.train import train
 from benchmarks.training.training_settings import SEEDS_PER_RUN, TrainingSettings, shipped_hyperparameters
 from benchmarks.training.validation import VALIDATION, tracking_error, validate
-from benchmarks.training.vec_env import VectorAdapter
 from fbl_gym import TwoLinkArmVectorEnv, scenarios
+from tests.benchmarks.rl.agents import batch
 
 SCENARIO = scenarios.get("everything-2").replace(duration=0.2)
+PLAIN = AdapterSettings(sensors=("position", "velocity"))
 ON_POLICY = {"lanes": 4, "steps": 640, "arguments": {"n_steps": 20, "batch_size": 40, "learning_rate": 1e-3}}
 OFF_POLICY = {"lanes": 4, "steps": 200, "arguments": {"learning_starts": 20, "buffer_size": 300, "learning_rate": 1e-3}}
 
@@ -124,8 +125,7 @@ def test_a_run_trains_on_drawn_arms_too():
 
 
 def test_the_value_sees_the_real_arm_and_the_agent_does_not():
-    arms = TwoLinkArmVectorEnv(3, "servo-practice-everything-3", autoreset_mode="SameStep", duration=0.05)
-    env = VectorAdapter(arms, AdapterSettings(sensors=("position", "velocity")))
+    env = batch(3, PLAIN, "servo-practice-everything-3", duration=0.05)
     learner = PPO([env], 0, learning_rate=1e-3)
     model, x = learner._model, learner._now
     model.watch(x + torch.randn(100, *x.shape).mul(0.1).flatten(0, 1)[: len(x)])
@@ -136,24 +136,19 @@ def test_the_value_sees_the_real_arm_and_the_agent_does_not():
     assert not torch.equal(value, another)
     acted = learner.actor()(x[:, : learner._arms.observed].numpy().astype(float))
     np.testing.assert_allclose(acted, policy.mean.clamp(-1, 1), atol=1e-5)
-    delay = 20 * arms.truth.delay
+    delay = 20 * env.unwrapped.truth.delay
     np.testing.assert_allclose(x[:, learner._arms.observed + 10], delay, rtol=1e-6)
 
 
 def test_the_discount_is_that_of_the_horizon_in_each_batch():
     """A time in seconds, so that a batch with shorter steps has a discount nearer to 1."""
-    names, adapter = (
-        ("servo-practice-nominal", "geared-practice-nominal"),
-        AdapterSettings(sensors=("position", "velocity")),
-    )
-    arms = [TwoLinkArmVectorEnv(2, name, autoreset_mode="SameStep", duration=0.03) for name in names]
-    learner = PPO([VectorAdapter(each, adapter) for each in arms], 0, learning_rate=1e-3, horizon=0.1)
+    envs = [batch(2, PLAIN, f"{robot}-practice-nominal", duration=0.03) for robot in ("servo", "geared")]
+    learner = PPO(envs, 0, learning_rate=1e-3, horizon=0.1)
     np.testing.assert_allclose(learner._gamma, [0.9, 0.9, 0.99, 0.99], rtol=1e-6)
 
 
 def test_an_episode_that_time_ends_has_its_last_observation():
-    arms = TwoLinkArmVectorEnv(2, "servo-practice-nominal", autoreset_mode="SameStep", duration=0.03)
-    lanes = _Arms([VectorAdapter(arms, AdapterSettings(sensors=("position", "velocity")))])
+    lanes = _Arms([batch(2, PLAIN, "servo-practice-nominal", duration=0.03)])
     lanes.reset(0)
     seen, _, _, cut, last = zip(*(lanes.step(np.full((2, 2), 0.1, np.float32)) for _ in range(3)), strict=True)
     assert [each.tolist() for each in cut] == [[False] * 2, [False] * 2, [True] * 2]
@@ -196,6 +191,8 @@ def test_a_stopped_run_goes_on_and_a_finished_one_is_extended(algorithm, tmp_pat
     after = curve(tmp_path)
     assert after[:2] == before
     assert after[-1][0] == given.steps > before[-1][0]
+    with pytest.raises(ValueError, match="only steps and minutes of a run may change"):
+        train(settings(algorithm, seed=1), tmp_path, evaluations=4)
     train(given, tmp_path, evaluations=4)
     assert curve(tmp_path) == after
     assert f"the run has {given.steps:,} steps already" in capsys.readouterr().err
@@ -207,29 +204,20 @@ def test_a_stopped_run_goes_on_and_a_finished_one_is_extended(algorithm, tmp_pat
 
 
 class Marker:
-    """An object whose pickle, when it is loaded, makes a file."""
-
-    def __init__(self, path):
-        self.path = path
+    """An object whose pickle, when it is loaded, makes a file in the current folder."""
 
     def __reduce__(self):
-        return Path.touch, (self.path,)
+        return Path.touch, (Path("marker"),)
 
 
-def test_a_resumed_folder_runs_no_code(tmp_path):
+def test_a_resumed_folder_runs_no_code(folder):
     """Whatever file of a run has been exchanged."""
-    train(settings("td3"), tmp_path / "run", evaluations=1)
-    for name in {path.name for path in (tmp_path / "run").glob("*.p*")} | {"buffer.pkl", "checkpoint.pt"}:
-        (tmp_path / "run" / name).write_bytes(pickle.dumps(Marker(tmp_path / "marker")))
+    train(settings("td3"), folder / "run", evaluations=1)
+    for name in {path.name for path in (folder / "run").glob("*.p*")} | {"buffer.pkl", "checkpoint.pt"}:
+        (folder / "run" / name).write_bytes(pickle.dumps(Marker()))
     with pytest.raises(ValueError, match="cannot be resumed"):
-        train(settings("td3", steps=400), tmp_path / "run", evaluations=1)
-    assert not (tmp_path / "marker").exists()
-
-
-def test_a_folder_with_other_settings_is_refused(tmp_path):
-    train(settings(), tmp_path, evaluations=1)
-    with pytest.raises(ValueError, match="only steps and minutes of a run may change"):
-        train(settings(seed=1), tmp_path)
+        train(settings("td3", steps=400), folder / "run", evaluations=1)
+    assert not (folder / "marker").exists()
 
 
 def test_a_run_of_some_processor_time_ends(tmp_path):
@@ -244,18 +232,15 @@ def test_shipped_hyperparameters_state_their_tuning(algorithm):
     assert len(hyperparameters["tuned"]) > 20
 
 
-@pytest.mark.parametrize(
-    ("changes", "message"),
-    [
-        ({"algorithm": "ppp"}, "unknown algorithm 'ppp'; did you mean 'ppo'"),
-        ({"seed": -1}, "seed must be a whole number not below 0, got -1"),
-        ({"seed": 99999999}, "seed must be 0 to 2146482, since each has 1000 training seeds, got 99999999"),
-        ({"steps": 0}, "steps must be a whole number not below 1, got 0"),
-        ({"hyperparameters": ON_POLICY | {"reward": {"power": 2}}}, "unknown field of hyperparameters.reward 'power'"),
-        ({"minutes": 0}, "minutes must be a finite number greater than 0, got 0"),
-        ({"scenarios": (scenarios.get("servo-lag-2"),)}, r"scenario must be one to train on.*servo-lag-2"),
-    ],
-)
+@pytest.mark.parametrize(("changes", "message"), [
+    ({"algorithm": "ppp"}, "unknown algorithm 'ppp'; did you mean 'ppo'"),
+    ({"seed": -1}, "seed must be a whole number not below 0, got -1"),
+    ({"seed": 99999999}, "seed must be 0 to 2146482, since each has 1000 training seeds, got 99999999"),
+    ({"steps": 0}, "steps must be a whole number not below 1, got 0"),
+    ({"hyperparameters": ON_POLICY | {"reward": {"power": 2}}}, "unknown field of hyperparameters.reward 'power'"),
+    ({"minutes": 0}, "minutes must be a finite number greater than 0, got 0"),
+    ({"scenarios": (scenarios.get("servo-lag-2"),)}, r"scenario must be one to train on.*servo-lag-2"),
+])  # fmt: skip
 def test_wrong_settings_are_refused(changes, message):
     with pytest.raises(ValueError, match=message):
         settings(**changes)
@@ -279,8 +264,7 @@ def test_settings_without_a_length_take_the_steps_of_the_hyperparameters():
 @pytest.fixture
 def short(folder):
     """A folder with hyperparameters of a short run."""
-    arguments = {"n_steps": 20, "batch_size": 40, "learning_rate": 1e-3}
-    (folder / "short.json").write_text(json.dumps({"ppo": {"lanes": 4, "steps": 80, "arguments": arguments}}))
+    (folder / "short.json").write_text(json.dumps({"ppo": ON_POLICY | {"steps": 80}}))
     return folder
 
 
@@ -296,26 +280,19 @@ def test_options_reach_the_agent(short, fbl_gym):
     assert description["scenario"]["name"] == "mixed-error-1"
 
 
-@pytest.mark.parametrize(
-    ("options", "lanes", "arguments", "message"),
-    [
-        ("--scenario mixed-eror-1", 4, {}, "did you mean 'mixed-error"),
-        ("--preview 1e9", 4, {}, "preview must be a finite number not below 0 and not above 100"),
-        ("", 1001, {}, "hyperparameters.lanes must be a whole number not below 1 and not above 1000"),
-        ("", 4, {"n_step": 3}, "hyperparameters.arguments must fit ppo: TypeError"),
-        ("--scenario noise-1", 4, {"n_steps": "x"}, "short.json must have arguments that fit ppo: "),
-        ("--scenario noise-1", 4, {"batch_size": "x"}, "short.json must have arguments that fit ppo: "),
-        ("--scenario noise-1", 4, {"n_epochs": "a"}, "short.json must have arguments that fit ppo: "),
-        ("--scenario noise-1", 4, {"horizon": True}, "horizon must be a finite number greater than 0, got True"),
-        (
-            "--scenario noise-1 --period 0.2",
-            4,
-            {},
-            "more than the time of a decision (--period, or a step), 0.2 s, got 0.1",
-        ),
-        ("--hyperparameters none.json", 4, {}, "none.json must be JSON with an entry 'ppo': JSONDecodeError"),
-    ],
-)
+@pytest.mark.parametrize(("options", "lanes", "arguments", "message"), [
+    ("--scenario mixed-eror-1", 4, {}, "did you mean 'mixed-error"),
+    ("--preview 1e9", 4, {}, "preview must be a finite number not below 0 and not above 100"),
+    ("", 1001, {}, "hyperparameters.lanes must be a whole number not below 1 and not above 1000"),
+    ("", 4, {"n_step": 3}, "hyperparameters.arguments must fit ppo: TypeError"),
+    ("--scenario noise-1", 4, {"n_steps": "x"}, "short.json must have arguments that fit ppo: "),
+    ("--scenario noise-1", 4, {"batch_size": "x"}, "short.json must have arguments that fit ppo: "),
+    ("--scenario noise-1", 4, {"n_epochs": "a"}, "short.json must have arguments that fit ppo: "),
+    ("--scenario noise-1", 4, {"horizon": True}, "horizon must be a finite number greater than 0, got True"),
+    ("--scenario noise-1 --period 0.2", 4, {},
+     "more than the time of a decision (--period, or a step), 0.2 s, got 0.1"),
+    ("--hyperparameters none.json", 4, {}, "none.json must be JSON with an entry 'ppo': JSONDecodeError"),
+])  # fmt: skip
 def test_a_mistake_is_answered_with_what_is_right(options, lanes, arguments, message, short, fbl_gym):
     content = json.loads((short / "short.json").read_text())["ppo"] | {"lanes": lanes}
     content["arguments"] |= arguments
