@@ -225,3 +225,20 @@ def test_a_joint_without_a_drive_moves_freely_and_laws_refuse_it(action, acts, p
     assert env.interface.torque_limit == (0.0, 6.0)
     with pytest.raises(ValueError, match="ComputedTorque needs both drives"):
         controllers.make("computed-torque", env)
+
+
+@pytest.mark.parametrize("late", [1, 3, 10, 13, 20, 37])
+def test_a_delay_counts_in_physics_steps(late):
+    """An arm without a delay gets the same commands later, and before them the torque at rest."""
+    slow = TwoLinkArmEnv(action="torque", actuator={"delay": late * 1e-3})
+    prompt = TwoLinkArmEnv(action="torque", control_dt=1e-3)
+    slow.reset(seed=0)
+    prompt.reset(seed=0)
+    commands = [prompt.truth.applied_torque] * late
+    for k in range(20):
+        commands += [torques(3 * k, 1)[0]] * 10
+        slow.step(commands[-1])
+        for j in range(10):
+            prompt.step(commands[10 * k + j])
+        for name in ("position", "velocity", "applied_torque"):
+            np.testing.assert_array_equal(getattr(slow.truth, name), getattr(prompt.truth, name))
