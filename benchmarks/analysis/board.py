@@ -255,7 +255,8 @@ def assemble(results: Sequence[Result], expected: Sequence[Cell] = ()) -> Board:
     stored: dict[str, dict[str, Result]] = {name: {} for name in specs}
     for result in results:
         stored[result.cell.policy.name][result.cell.scenario.name] = result
-    members = _members(specs.values())
+    pairs = [(row, spec) for spec in specs.values() for row in spec.rows or (spec.name,)]
+    members = {row: tuple(spec for name, spec in pairs if name == row) for row, _ in pairs}
     reasons = {row: _why_left_out(some, stored, tasks) for row, some in members.items()}
     rows = {row: some for row, some in members.items() if not reasons[row]}
     incomplete = {row: reason for row, reason in reasons.items() if reason}
@@ -284,15 +285,6 @@ def assemble(results: Sequence[Result], expected: Sequence[Cell] = ()) -> Board:
         failed={row: some for row, some in errors.items() if some},
         version=hashlib.sha256("".join(keys).encode()).hexdigest()[:12],
     )  # fmt: skip
-
-
-def _members(specs: Iterable[PolicySpec]) -> dict[str, tuple[PolicySpec, ...]]:
-    """Return the members of each row, by its name."""
-    members: dict[str, tuple[PolicySpec, ...]] = {}
-    for spec in specs:
-        for row in spec.rows or (spec.name,):
-            members[row] = (*members.get(row, ()), spec)
-    return members
 
 
 def _why_left_out(

@@ -33,17 +33,13 @@ def run(arguments: argparse.Namespace) -> int:
         except ValueError as problem:
             remarks.append(f"no margins of {policy}: {problem}")
     if rows:
-        show(
-            title,
-            ("policy", "gain margin", "phase margin", "delay margin", "in samples", "peak of S", "peak of T"),
-            rows,
-        )
+        header = ("policy", "gain margin", "phase margin", "delay margin", "in samples", "peak of S", "peak of T")
+        show(title, header, rows)
         remarks.append("Gain, phase and peaks: the worse joint, cut at its torque. Delay: of both torques.")
     if rows and arguments.plot is not None:
         plot_lines(f"Loops on {title}", _bode(loops), arguments.plot, arguments.width, across=2)
         remarks.append(f"plot: {arguments.plot}")
-    for remark in remarks:
-        say(remark)
+    say("\n".join(remarks))
     return 0 if rows else 1
 
 

@@ -128,10 +128,8 @@ def _call(files: Sequence[IO[bytes]], seconds: float) -> int:
     """
     late = Failed(f"it took longer than {seconds:g} s, see leaderboard --cell-timeout")
     if os.name != "posix":
-        request, answer, prints = files
         try:
-            files_of: dict[str, Any] = {"stdin": request, "stdout": answer, "stderr": prints}
-            return subprocess.run(_command(""), timeout=seconds, check=False, **files_of).returncode
+            return subprocess.call(_command(""), stdin=files[0], stdout=files[1], stderr=files[2], timeout=seconds)
         except subprocess.TimeoutExpired:
             raise late from None
     with _SERVING:
@@ -303,10 +301,8 @@ def run_parallel(
             try:
                 yield futures[future], future.result()
             except BrokenProcessPool:
-                yield (
-                    futures[future],
-                    Failed("a worker process died, perhaps for lack of memory; the same command goes on"),
-                )
+                died = "a worker process died, perhaps for lack of memory; the same command goes on"
+                yield futures[future], Failed(died)
     finally:
         processes = set(multiprocessing.active_children()) - others
         pool.shutdown(wait=False)

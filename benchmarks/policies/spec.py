@@ -26,7 +26,6 @@ from benchmarks.policies.loading import FILE_MODULE, IMPORTED, NotFound, entry_m
 from controllers import registry
 from controllers.base import ACCESS
 from controllers.name import PolicyName
-from controllers.registry import KINDS
 from fbl_gym import scenarios
 from fbl_gym.envs.vector_env import TwoLinkArmVectorEnv
 from fbl_gym.records.checks import check_choice, check_number, unknown
@@ -98,16 +97,9 @@ class PolicySpec:
     def identity(self) -> dict[str, Any]:
         """All that distinguishes this policy from others, but not the place of an external one."""
         name = self.parsed
-        return {
-            "policy": str(name.code) if name.form == "name" else f"external:{'+'.join((name.attribute, *name.parts))}",
-            "access": self.access,
-            "shared": self.shared,
-            "code": dict(self.code),
-            "uses": dict(self.uses),
-            "data": dict(self.data),
-            "tuned": dict(self.tuned),
-            "gains": dict(self.gains),
-        }
+        text = str(name.code) if name.form == "name" else f"external:{'+'.join((name.attribute, *name.parts))}"
+        others = ("access", "shared", "code", "uses", "data", "tuned", "gains")
+        return {"policy": text} | {other: getattr(self, other) for other in others}
 
     def make(self, env: Any, **gains: Any) -> Any:
         """Return the policy for an environment, wrapped or not, or for its `interface`.
@@ -162,7 +154,7 @@ class PolicySpec:
         lists = {name: tuple(data[name]) for name in ("needs", "packages")}
         given = {**data, **lists, "parsed": PolicyName.parse(data["parsed"], "a result")}
         spec = cls(**{field.name: given[field.name] for field in dataclasses.fields(cls) if field.name in given})
-        check_choice("kind", spec.kind, KINDS)
+        check_choice("kind", spec.kind, registry.KINDS)
         check_choice("access", spec.access, ACCESS)
         return spec
 
@@ -257,7 +249,7 @@ def _declared(spec: PolicySpec, factory: Callable[..., Any]) -> PolicySpec:
                 raise ValueError(f"{what} of {name} must be a list of text, got {given!r}")
         return dataclasses.replace(
             spec,
-            kind=check_choice(f"kind of {name}", kind, KINDS),
+            kind=check_choice(f"kind of {name}", kind, registry.KINDS),
             access=controllers.access(name if name.form == "name" else factory),
             needs=tuple(lists["needs"]),
             packages=tuple(lists["packages"]),

@@ -17,7 +17,7 @@ import numpy as np
 
 import controllers
 from benchmarks.analysis.board import Board, assemble
-from benchmarks.analysis.statistics import proportion, tail_mean
+from benchmarks.analysis.statistics import proportion
 from benchmarks.policies.spec import resolve
 from benchmarks.run.cell import Cell
 from benchmarks.run.linearize import margins_as_data
@@ -267,13 +267,8 @@ class Choice:
     Attributes:
         policy: its name.
         safe: True if it is, by `RULE`.
-        median_pct: median error of all runs [%].
-        worst_pct: mean of the largest 5 % of the errors [%].
-        diverged: number of diverged runs.
-        runs: number of runs.
-        diverged_bound: upper bound of the share of diverged runs.
-        errors_pct: error in each condition [%], the geometric mean of the runs.
-        lost: number of diverged runs in each condition.
+        errors_pct: error of each run [conditions x seeds] %.
+        lost: 1 where the run diverged, else 0 [conditions x seeds].
         effort: variation of the torque, relative to that of the calmest policy that is recommended.
         phase_deg: phase margin; NaN: unknown.
         delay_samples: delay margin in control steps; NaN: unknown.
@@ -283,13 +278,8 @@ class Choice:
 
     policy: str
     safe: bool
-    median_pct: float
-    worst_pct: float
-    diverged: int
-    runs: int
-    diverged_bound: float
-    errors_pct: tuple[float, ...]
-    lost: tuple[int, ...]
+    errors_pct: Array
+    lost: Array
     effort: float
     phase_deg: float = math.nan
     delay_samples: float = math.nan
@@ -360,17 +350,13 @@ def recommend(
     best = [*same][:3]
     variation = np.median(board.runs["variation"], axis=(1, 2))
     calmest = min(filter(None, variation[best]), default=1.0)  # a policy without a torque has none
-    choices = []
-    for i in best:
-        errors, lost = board.errors[i], board.runs["diverged"][i]
-        choices.append(
-            Choice(
-                complete[i], safe[i], float(np.median(errors)), float(tail_mean(errors.ravel())), int(lost.sum()), lost.size,
-                float(proportion(lost.sum(), lost.size).high), tuple(np.exp(np.log(errors).mean(axis=-1)).tolist()),
-                tuple(lost.sum(axis=-1).astype(int).tolist()), float(variation[i] / calmest),
-                *margins[i], tuple(complete[k] for k in same[i]),
-            )
-        )  # fmt: skip
+    errors, lost = board.errors, board.runs["diverged"]
+    choices = [
+        Choice(
+            complete[i], safe[i], errors[i], lost[i], float(variation[i] / calmest), *margins[i],
+            tuple(complete[k] for k in same[i]),
+        ) for i in best
+    ]  # fmt: skip
     return Recommendation(base.name, tuple(choices), tuple(tasks), failed)
 
 

@@ -75,15 +75,10 @@ def tau(board: Board, rows: Sequence[int], names: Sequence[str], logs: Array) ->
         names: of the families.
         logs: mean logarithms of their errors in the sealed test [rows x families].
     """
-    errors = board.error().value[rows]
-    return {
-        "all": float(stats.kendalltau(errors, logs.mean(axis=1)).statistic),
-        "first ten": float(stats.kendalltau(errors[:10], logs[:10].mean(axis=1)).statistic),
-        **{
-            family: float(stats.kendalltau(board.error(board.families[family]).value[rows], logs[:, k]).statistic)
-            for k, family in enumerate(names) if family in board.families
-        },
-    }  # fmt: skip
+    errors, sealed, members = board.error().value[rows], logs.mean(axis=1), board.families
+    pairs = {"all": (errors, sealed), "first ten": (errors[:10], sealed[:10])}
+    pairs |= {x: (board.error(members[x]).value[rows], logs[:, k]) for k, x in enumerate(names) if x in members}
+    return {name: float(stats.kendalltau(*pair).statistic) for name, pair in pairs.items()}
 
 
 def whole(text: str) -> int:
