@@ -1,6 +1,7 @@
 """`fbl-gym margins`."""
 
 import argparse
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -23,7 +24,7 @@ def run(arguments: argparse.Namespace) -> int:
     for policy in arguments.policies:
         spec = resolve(policy)
         try:
-            fields = spec.call(_margins, spec, scenario, (q1, q2), arguments.seed)
+            fields = spec.call(partial(margins_as_data, response=True), spec, scenario, (q1, q2), arguments.seed)
             loops[str(policy)], margins = fields.pop("response"), Margins(**fields)
             rows.append((
                 policy, f"{max(margins.gain_lower):.2f} - {min(margins.gain_upper):.2f}", f"{min(margins.phase):.0f} deg",
@@ -41,10 +42,6 @@ def run(arguments: argparse.Namespace) -> int:
         remarks.append(f"plot: {arguments.plot}")
     say("\n".join(remarks))
     return 0 if rows else 1
-
-
-def _margins(*arguments: Any) -> dict[str, Any]:
-    return margins_as_data(*arguments, response=True)
 
 
 def _bode(loops: dict[str, Any]) -> list[Panel]:

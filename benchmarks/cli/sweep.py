@@ -97,11 +97,9 @@ def run(arguments: argparse.Namespace) -> int:
         written = (x if isinstance(x, float) else text for x, text in zip(point, texts, strict=True))
         runs.append(((cell.policy.name, *written), cell.seeds, result.rows))
         (low, mid, high), lost = np.quantile(errors, QUANTILES), sum(row["diverged"] > 0 for row in result.rows)
-        key = cell.policy.name, *texts[1:]
+        key, text = (cell.policy.name, *texts[1:]), f"{number(mid)} ({number(low)}–{number(high)})"
         curves.setdefault(key, []).append(errors)
-        columns.setdefault(key, []).append(
-            f"{number(mid)} ({number(low)}–{number(high)})" + f", {lost} lost" * (lost > 0)
-        )
+        columns.setdefault(key, []).append(text + f", {lost} lost" * (lost > 0))
     write_runs(arguments.csv, ("policy", *names), runs)
     first, *others = (_label(name, factor) for name, factor in zip(names, factors, strict=True))
     titles = {key: ", ".join([key[0], *map(" ".join, zip(names[1:], key[1:], strict=True))]) for key in curves}
