@@ -1,9 +1,8 @@
 """The board: error, lost runs and rank of each policy of a suite."""
 
-import dataclasses
 import hashlib
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any
 
@@ -124,7 +123,7 @@ class Board:
     def of_seeds(self, some: slice | Array) -> "Board":
         """Return the board of some of the seeds, which a slice or a mask [n] chooses."""
         runs = {name: values[..., some] for name, values in self.runs.items()}
-        return dataclasses.replace(self, seeds=tuple(np.array(self.seeds)[some].tolist()), runs=runs)
+        return replace(self, seeds=tuple(np.array(self.seeds)[some].tolist()), runs=runs)
 
     @property
     def errors(self) -> Array:

@@ -1,7 +1,6 @@
 """`fbl-gym recommend`."""
 
 import argparse
-import importlib
 from collections.abc import Sequence
 from functools import partial
 
@@ -24,7 +23,7 @@ def run(arguments: argparse.Namespace) -> int:
         raise ValueError(f"--seeds must be at least 2 for an interval, got {arguments.seeds}")
     trials = check_whole("--trials", arguments.trials, high=10_000)
     if trials:
-        importlib.import_module("optuna")  # of the extra `analysis`: now, not after minutes of work
+        import optuna  # noqa: F401  of the extra `analysis`: now, not after minutes of work
     base, run_cells = as_scenario(arguments.scenario), partial(run_all, arguments=arguments)
     likeness = recommend.Likeness.of(base)
     policies = arguments.policies or recommend.candidates(tuple(dict.fromkeys((*likeness.classes, base.robot_class))))

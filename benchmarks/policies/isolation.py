@@ -29,7 +29,6 @@ from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from concurrent.futures.process import BrokenProcessPool
 from dataclasses import dataclass
-from pathlib import Path
 from typing import IO, Any, TypeVar
 
 import numpy as np
@@ -192,7 +191,7 @@ def end_group(number: int) -> None:
 
 
 def _command(argument: str) -> list[str]:
-    return [sys.executable, str(Path(__file__).with_name("fresh.py")), argument, *_search_path()]
+    return [sys.executable, os.path.join(os.path.dirname(__file__), "fresh.py"), argument, *_search_path()]
 
 
 def _search_path() -> list[str]:

@@ -7,12 +7,11 @@ depends on has changed.
 """
 
 import contextlib
-import dataclasses
 import math
 import os
 import sys
 from collections.abc import Callable, Iterable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field, fields, replace
 from glob import glob
 from pathlib import Path
 from typing import Any
@@ -141,7 +140,7 @@ class PolicySpec:
 
     def to_dict(self) -> dict[str, Any]:
         """Return the specification as plain data; its name is a text."""
-        data = {name: value for name, value in dataclasses.asdict(self).items() if name not in ("files", "rows")}
+        data = {name: value for name, value in asdict(self).items() if name not in ("files", "rows")}
         return {**data, "parsed": str(self.parsed)}
 
     @classmethod
@@ -153,7 +152,7 @@ class PolicySpec:
         """
         lists = {name: tuple(data[name]) for name in ("needs", "packages")}
         given = {**data, **lists, "parsed": PolicyName.parse(data["parsed"], "a result")}
-        spec = cls(**{field.name: given[field.name] for field in dataclasses.fields(cls) if field.name in given})
+        spec = cls(**{field.name: given[field.name] for field in fields(cls) if field.name in given})
         check_choice("kind", spec.kind, registry.KINDS)
         check_choice("access", spec.access, ACCESS)
         return spec
@@ -188,14 +187,14 @@ def resolve(
     if isinstance(policy, PolicySpec):
         return policy
     name = PolicyName.parse(policy) if isinstance(policy, str) else policy
-    name = dataclasses.replace(name, trusted=name.trusted or trust)
+    name = replace(name, trusted=name.trusted or trust)
     if not is_code(name):
         return _resolved(name)
     try:
         data, files = run_isolated(_resolve_code, name, limits=limits)
     except Failed as problem:
         return PolicySpec(name, external=True, problem=f"{problem}, while it was loaded")
-    return dataclasses.replace(PolicySpec.from_dict(data), parsed=name, files=files)
+    return replace(PolicySpec.from_dict(data), parsed=name, files=files)
 
 
 def _resolve_code(name: PolicyName) -> tuple[dict[str, Any], dict[str, str]]:
@@ -214,18 +213,16 @@ def _resolved(name: PolicyName) -> PolicySpec:
     try:
         factory = load(name)
         gains = {gain: np.asarray(value).tolist() for gain, value in name.given_gains.items()}
-        spec = _declared(dataclasses.replace(spec, gains=gains), factory)
+        spec = _declared(replace(spec, gains=gains), factory)
         uses = [*getattr(factory, "uses", ())]
         if is_code(name) or name.gains:
             with contextlib.suppress(*(() if name.gains else (Exception, SystemExit))):
                 uses += getattr(build(name, factory, _example(spec)), "uses", ())
         return _with_hashes(spec, factory, uses, before)
-    except NotFound:
-        raise
     except BadDeclaration as problem:
-        return dataclasses.replace(spec, problem=str(problem))
+        return replace(spec, problem=str(problem))
     except (Exception, SystemExit) as problem:
-        if name.gains or (isinstance(problem, ValueError) and not is_code(name)):
+        if name.gains or isinstance(problem, NotFound) or (isinstance(problem, ValueError) and not is_code(name)):
             raise
         return spec
 
@@ -233,10 +230,6 @@ def _resolved(name: PolicyName) -> PolicySpec:
 def _declared(spec: PolicySpec, factory: Callable[..., Any]) -> PolicySpec:
     """Return the specification with all that a factory declares but code and files."""
     name = spec.parsed
-    try:
-        registry.check_gains(name, factory)
-    except ValueError as problem:
-        raise BadDeclaration(str(problem)) from problem
     if name.form == "name":
         kind, summary = controllers.kind(name), controllers.summary(name)
     else:
@@ -244,10 +237,11 @@ def _declared(spec: PolicySpec, factory: Callable[..., Any]) -> PolicySpec:
     tuning = "given gains" if name.gains else "tuned" if name.tuned else "default gains"
     lists = {what: getattr(factory, what, ()) for what in ("needs", "packages", "data_files", "uses")}
     try:
+        registry.check_gains(name, factory)
         for what, given in lists.items():
             if isinstance(given, str) or not all(isinstance(item, str | os.PathLike) for item in given):
                 raise ValueError(f"{what} of {name} must be a list of text, got {given!r}")
-        return dataclasses.replace(
+        return replace(
             spec,
             kind=check_choice(f"kind of {name}", kind, registry.KINDS),
             access=controllers.access(name if name.form == "name" else factory),
@@ -276,7 +270,7 @@ def _with_hashes(spec: PolicySpec, factory: Any, uses: Iterable[str], before: se
     own = entry_module(name) or (name.source if name.form == "module" else "")
     if is_code(name):
         modules, packages = key.loaded_since(before, own.partition(".")[0])
-        spec = dataclasses.replace(spec, packages=tuple(dict.fromkeys((*spec.packages, *sorted(packages)))))
+        spec = replace(spec, packages=tuple(dict.fromkeys((*spec.packages, *sorted(packages)))))
     bases = {cls.__module__ for cls in getattr(law, "__mro__", (law,)) if cls.__module__ in sys.modules}
     modules |= key.law_modules(sys.modules[module] for module in {*modules, *bases})
     modules = {"" if module.startswith(FILE_MODULE) else module: file for module, file in modules.items()}
@@ -285,7 +279,7 @@ def _with_hashes(spec: PolicySpec, factory: Any, uses: Iterable[str], before: se
     folder = {"file": modules.get(""), "archive": Path(name.source), "folder": Path(name.source, "agent.json")}
     home = Path(folder.get(name.form) or str(sys.modules[own or law.__module__].__file__)).resolve().parent
     data = _data_files(spec, getattr(factory, "data_files", ()), home)
-    return dataclasses.replace(
+    return replace(
         spec, code=key.digests(modules), data=key.digests(data), uses=_uses(name, uses),
         files={file: str(path) for file, path in {**modules, **data}.items()},
     )  # fmt: skip

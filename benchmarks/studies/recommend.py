@@ -7,10 +7,9 @@ baseline. The scenario itself counts as much as all its
 conditions together.
 """
 
-import dataclasses
 import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -198,10 +197,10 @@ def _off(base: Scenario, times: float, samples: float) -> dict[str, Any]:
     drive = base.actuator
     delay, more = middle(drive.delay), samples * base.control_dt
     ends_of_delay = [round(x / base.physics_dt) * base.physics_dt for x in (max(delay - more, 0.0), delay + more)]
-    drive = dataclasses.replace(drive, delay=Distribution(choice=tuple(ends_of_delay)))
+    drive = replace(drive, delay=Distribution(choice=tuple(ends_of_delay)))
     sheet: dict[str, Any] = {"delay": sum(base.actuator.facts(base)["delay"]) / 2}
     if lag := middle(drive.lag):
-        drive, sheet["lag"] = dataclasses.replace(drive, lag=Distribution(choice=(lag / times, lag * times))), lag
+        drive, sheet["lag"] = replace(drive, lag=Distribution(choice=(lag / times, lag * times))), lag
     changes: dict[str, Any] = {"actuator": drive}
     joint: Any = base.joint
     if joint is not None:
@@ -209,7 +208,7 @@ def _off(base: Scenario, times: float, samples: float) -> dict[str, Any]:
         power = 1.0 if name == "stiffness" else 0.5
         each = [middle(x) for x in getattr(joint, name)]
         off = tuple(Distribution(choice=(x / times**power, x * times**power)) for x in each)
-        changes["joint"] = dataclasses.replace(joint, **{name: off})
+        changes["joint"] = replace(joint, **{name: off})
         both = zip(*joint.facts(base)["stiffness"], strict=True)
         sheet["stiffness"] = tuple(math.sqrt(low * high) for low, high in both)
     stated = {name: x for name, x in vars(base.datasheet or Datasheet()).items() if x is not None}
@@ -236,14 +235,14 @@ def _weight(arm: ArmParameters) -> Array:
 
 def _replaced(record: Any, **changes: Any) -> Any:
     """Return a record with other fields, or their plain data where there is no record."""
-    return changes if record is None else dataclasses.replace(record, **changes)
+    return changes if record is None else replace(record, **changes)
 
 
 def _larger(record: Any, usual: Any, names: Sequence[str], factor: float) -> Any:
     """Return a record with some fields times a factor; without one, the usual times factor - 1."""
     if record is None:
         record, factor = usual, factor - 1.0
-    return dataclasses.replace(record, **{name: scaled(getattr(record, name), factor) for name in names})
+    return replace(record, **{name: scaled(getattr(record, name), factor) for name in names})
 
 
 def _uniform(low: float, high: float, scale: float = 1.0) -> Distribution:

@@ -16,7 +16,6 @@ import numpy as np
 from scipy import stats
 
 from benchmarks.analysis.board import Board, assemble
-from benchmarks.policies.spec import PolicySpec
 from benchmarks.run.cell import Cell
 from benchmarks.run.metrics import counted_errors
 from benchmarks.run.runner import run as run_cells
@@ -108,7 +107,7 @@ def main(argv: Sequence[str] | None = None) -> None:
     names = tuple(families(arguments.suite))
     number = int(board.version, 16) if arguments.number is None else arguments.number
     tasks = [draw(number, arguments.suite, family) for family in names]
-    first: dict[str, PolicySpec] = {board.policies[i]: board.specs[i] for i in board.order if i in board.ranked}
+    first = {board.policies[i]: board.specs[i] for i in board.order if i in board.ranked}
     sealed = {(name, task.name): Cell(spec, task, seeds) for name, spec in first.items() for task, seeds in tasks}
     results = {result.cell.id: result for _, result in run_cells([*sealed.values()], store, workers=arguments.workers)}
     table = {name: [results[sealed[name, task.name].id] for task, _ in tasks] for name in first}
