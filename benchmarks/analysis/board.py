@@ -9,7 +9,6 @@ from typing import Any
 import numpy as np
 
 from benchmarks.analysis import statistics
-from benchmarks.analysis.statistics import Estimate
 from benchmarks.policies.spec import PolicySpec
 from benchmarks.run.metrics import METRICS, counted_error, penalize
 from benchmarks.run.store import Result
@@ -144,7 +143,7 @@ class Board:
         means = statistics.mean(np.log(runs[:, self.main if some is None else some]), seeds)
         return np.exp([rows.sum(axis=0) for rows in self.split((members * means).T)]).T
 
-    def error(self, some: Sequence[int] | None = None) -> Estimate:
+    def error(self, some: Sequence[int] | None = None) -> statistics.Estimate:
         """Return the geometric mean of each policy's errors [p] %."""
         return statistics.interval(self.geometric_mean(self.errors, some))
 
@@ -153,7 +152,7 @@ class Board:
         return self.geometric_mean(penalize(self.errors, self.runs["diverged"]), some)
 
     @property
-    def rank(self) -> Estimate:
+    def rank(self) -> statistics.Estimate:
         """Rank of each policy in `ranked` by its penalized error in the tier that ranks."""
         return statistics.ranks(self.penalized()[:, self.ranked])
 
@@ -169,7 +168,7 @@ class Board:
         return level / level[self.oracles].min() if self.oracles else None
 
     @property
-    def lost(self) -> Estimate:
+    def lost(self) -> statistics.Estimate:
         """Share of each policy's runs that diverged in the tier that ranks [p], as `proportion`."""
         flags = [runs.ravel() for runs in self.split(self.runs["diverged"][:, self.main])]
         return statistics.proportion([x.sum() for x in flags], [x.size for x in flags])

@@ -73,7 +73,7 @@ def run_isolated(function: Callable[..., Answer], *arguments: Any, limits: CallL
     It has all rights of the user on files and processes: this stops accidents, and no attack.
 
     Args:
-        function: of a module; it returns plain data and arrays.
+        function: of a module, or a `partial` of one; it returns plain data and arrays.
         *arguments: data of any type.
         limits: of the call; None: an hour, and as much memory as there is.
 
@@ -292,9 +292,13 @@ def run_parallel(
         yield from ((item, function(item)) for item in items)
         return
     others = set(multiprocessing.active_children())
-    with _starting():
+    safe = os.environ.get("PYTHONSAFEPATH", "")
+    os.environ["PYTHONSAFEPATH"] = "1"  # what starts now imports no standard module from the current folder
+    try:
         pool = ProcessPoolExecutor(workers, multiprocessing.get_context("spawn"), _begin)
         futures = {pool.submit(function, item): item for item in items}
+    finally:
+        os.environ["PYTHONSAFEPATH"] = safe  # empty: it is off
     try:
         for future in as_completed(futures):
             try:
@@ -309,19 +313,6 @@ def run_parallel(
             if all(future.done() for future in futures):
                 process.join(5.0)  # to kill an idle one may break a pipe that its pool still writes to
             process.kill()
-
-
-@contextlib.contextmanager
-def _starting() -> Iterator[None]:
-    """Let a process that starts now import no standard module from the current folder."""
-    before = os.environ.get("PYTHONSAFEPATH")
-    os.environ["PYTHONSAFEPATH"] = "1"
-    try:
-        yield
-    finally:
-        del os.environ["PYTHONSAFEPATH"]
-        if before is not None:
-            os.environ["PYTHONSAFEPATH"] = before
 
 
 def _begin() -> None:

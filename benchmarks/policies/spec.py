@@ -18,7 +18,6 @@ from typing import Any
 
 import numpy as np
 
-import controllers
 from benchmarks.policies import key
 from benchmarks.policies.isolation import Answer, CallLimits, Failed, run_isolated
 from benchmarks.policies.loading import FILE_MODULE, IMPORTED, NotFound, entry_module, is_code, load
@@ -161,13 +160,13 @@ class PolicySpec:
 def build(name: PolicyName, factory: Callable[..., Any], env: Any, **gains: Any) -> Any:
     """Return the policy of a name and factory for an environment; more gains replace the name's."""
     if name.form == "name":
-        return controllers.make(name, env, **gains)
-    return controllers.make(factory, env, **(name.given_gains | gains))
+        return registry.make(name, env, **gains)
+    return registry.make(factory, env, **(name.given_gains | gains))
 
 
 def names() -> tuple[str, ...]:
     """Return the name of every registered policy, then those with tuned gains."""
-    return (*controllers.names(), *controllers.tuned())
+    return (*registry.names(), *registry.tuned())
 
 
 def resolve(
@@ -231,7 +230,7 @@ def _declared(spec: PolicySpec, factory: Callable[..., Any]) -> PolicySpec:
     """Return the specification with all that a factory declares but code and files."""
     name = spec.parsed
     if name.form == "name":
-        kind, summary = controllers.kind(name), controllers.summary(name)
+        kind, summary = registry.kind(name), registry.summary(name)
     else:
         kind, summary = getattr(factory, "kind", "classical"), (factory.__doc__ or "").strip().split("\n")[0]
     tuning = "given gains" if name.gains else "tuned" if name.tuned else "default gains"
@@ -244,7 +243,7 @@ def _declared(spec: PolicySpec, factory: Callable[..., Any]) -> PolicySpec:
         return replace(
             spec,
             kind=check_choice(f"kind of {name}", kind, registry.KINDS),
-            access=controllers.access(name if name.form == "name" else factory),
+            access=registry.access(name if name.form == "name" else factory),
             needs=tuple(lists["needs"]),
             packages=tuple(lists["packages"]),
             preview=check_number(f"preview of {name}", getattr(factory, "preview", 0.0), low=0, high=100),
