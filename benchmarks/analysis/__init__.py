@@ -1,1 +1,1 @@
-"""Analysis of stored results: statistics, the board, orders in two worlds, learning curves."""
+"""Analysis of stored results: statistics, the board, orders in two worlds."""

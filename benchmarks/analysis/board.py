@@ -1,16 +1,14 @@
 """The board: error, lost runs and rank of each policy of a suite."""
 
-import dataclasses
 import hashlib
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any
 
 import numpy as np
 
 from benchmarks.analysis import statistics
-from benchmarks.analysis.statistics import Estimate
 from benchmarks.policies.spec import PolicySpec
 from benchmarks.run.metrics import METRICS, counted_error, penalize
 from benchmarks.run.store import Result
@@ -124,7 +122,7 @@ class Board:
     def of_seeds(self, some: slice | Array) -> "Board":
         """Return the board of some of the seeds, which a slice or a mask [n] chooses."""
         runs = {name: values[..., some] for name, values in self.runs.items()}
-        return dataclasses.replace(self, seeds=tuple(np.array(self.seeds)[some].tolist()), runs=runs)
+        return replace(self, seeds=tuple(np.array(self.seeds)[some].tolist()), runs=runs)
 
     @property
     def errors(self) -> Array:
@@ -145,7 +143,7 @@ class Board:
         means = statistics.mean(np.log(runs[:, self.main if some is None else some]), seeds)
         return np.exp([rows.sum(axis=0) for rows in self.split((members * means).T)]).T
 
-    def error(self, some: Sequence[int] | None = None) -> Estimate:
+    def error(self, some: Sequence[int] | None = None) -> statistics.Estimate:
         """Return the geometric mean of each policy's errors [p] %."""
         return statistics.interval(self.geometric_mean(self.errors, some))
 
@@ -154,7 +152,7 @@ class Board:
         return self.geometric_mean(penalize(self.errors, self.runs["diverged"]), some)
 
     @property
-    def rank(self) -> Estimate:
+    def rank(self) -> statistics.Estimate:
         """Rank of each policy in `ranked` by its penalized error in the tier that ranks."""
         return statistics.ranks(self.penalized()[:, self.ranked])
 
@@ -170,7 +168,7 @@ class Board:
         return level / level[self.oracles].min() if self.oracles else None
 
     @property
-    def lost(self) -> Estimate:
+    def lost(self) -> statistics.Estimate:
         """Share of each policy's runs that diverged in the tier that ranks [p], as `proportion`."""
         flags = [runs.ravel() for runs in self.split(self.runs["diverged"][:, self.main])]
         return statistics.proportion([x.sum() for x in flags], [x.size for x in flags])
@@ -255,7 +253,8 @@ def assemble(results: Sequence[Result], expected: Sequence[Cell] = ()) -> Board:
     stored: dict[str, dict[str, Result]] = {name: {} for name in specs}
     for result in results:
         stored[result.cell.policy.name][result.cell.scenario.name] = result
-    members = _members(specs.values())
+    pairs = [(row, spec) for spec in specs.values() for row in spec.rows or (spec.name,)]
+    members = {row: tuple(spec for name, spec in pairs if name == row) for row, _ in pairs}
     reasons = {row: _why_left_out(some, stored, tasks) for row, some in members.items()}
     rows = {row: some for row, some in members.items() if not reasons[row]}
     incomplete = {row: reason for row, reason in reasons.items() if reason}
@@ -284,15 +283,6 @@ def assemble(results: Sequence[Result], expected: Sequence[Cell] = ()) -> Board:
         failed={row: some for row, some in errors.items() if some},
         version=hashlib.sha256("".join(keys).encode()).hexdigest()[:12],
     )  # fmt: skip
-
-
-def _members(specs: Iterable[PolicySpec]) -> dict[str, tuple[PolicySpec, ...]]:
-    """Return the members of each row, by its name."""
-    members: dict[str, tuple[PolicySpec, ...]] = {}
-    for spec in specs:
-        for row in spec.rows or (spec.name,):
-            members[row] = (*members.get(row, ()), spec)
-    return members
 
 
 def _why_left_out(

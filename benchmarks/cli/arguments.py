@@ -1,6 +1,7 @@
 """The arguments of the commands, which `commands.toml` declares, and the types of their values."""
 
 import argparse
+import contextlib
 import os
 import re
 import tomllib
@@ -33,13 +34,10 @@ def count(text: str, most: int = 1_000_000, why: str = "") -> int:
 
 def bounded(most: float, text: str) -> float:
     """Return a number from 0 to the `most`."""
-    try:
-        number = float(text)
-    except ValueError:
-        number = -1.0
-    if not 0.0 <= number <= most:
-        raise argparse.ArgumentTypeError(f"must be a number from 0 to {most:g}, got {text!r}")
-    return number
+    with contextlib.suppress(ValueError):
+        if 0.0 <= (number := float(text)) <= most:
+            return number
+    raise argparse.ArgumentTypeError(f"must be a number from 0 to {most:g}, got {text!r}")
 
 
 def file_path(endings: Sequence[str], text: str) -> Path:

@@ -18,9 +18,13 @@ def command_line() -> str:
     return " ".join(["fbl-gym", *sys.argv[1:]])
 
 
-def run_all(
-    cells: Sequence[Cell], arguments: argparse.Namespace, limits: CallLimits | None = None
-) -> dict[str, Result]:
+def limits_of(arguments: argparse.Namespace) -> CallLimits | None:
+    """Return the limits of a cell that the arguments give; None: those of external policies."""
+    return CallLimits(arguments.cell_timeout, arguments.cell_memory) if "cell_timeout" in arguments else None
+
+
+def run_all(cells: Sequence[Cell], arguments: argparse.Namespace) -> dict[str, Result]:
     """Run the cells that the store lacks with a progress bar; return all results by their ids."""
-    runs = run(cells, Store(arguments.store), workers=arguments.workers, command=command_line(), limits=limits)
+    store, limits = Store(arguments.store), limits_of(arguments)
+    runs = run(cells, store, workers=arguments.workers, command=command_line(), limits=limits)
     return {result.cell.id: result for _, result in track(runs, "cells", len(cells), console=Screen(stderr=True))}

@@ -112,10 +112,8 @@ def _validate(arguments: argparse.Namespace, judged: list[logs.Log], parameters:
         time = np.linspace(0.0, log.dt * (len(log.position) - 1), len(log.position))
         panels = []
         for j in (0, 1):
-            model, real = (
-                Line(x.ravel(), y[j], "simulated", COLORS[1], "-"),
-                Line(time, log.position[:, j], "measured", "black", ":"),
-            )
+            model = Line(x.ravel(), y[j], "simulated", COLORS[1], "-")
+            real = Line(time, log.position[:, j], "measured", "black", ":")
             panels.append(Panel(f"joint {j + 1}", "time [s]", "angle [rad]", (model, real)))
         for residual in 1e3 * (y - z):
             panels.append(Panel("", "time [s]", "residual [mrad]", (Line(x.ravel(), residual, "_", COLORS[0], "-"),)))

@@ -7,8 +7,7 @@ from collections.abc import Sequence
 
 from benchmarks.analysis.board import Board, assemble
 from benchmarks.analysis.transfer import Agreement, compare_halves, compare_orders
-from benchmarks.cli.common import command_line, run_all
-from benchmarks.policies.isolation import CallLimits
+from benchmarks.cli.common import command_line, limits_of, run_all
 from benchmarks.report import terminal
 from benchmarks.report.latex import write_board
 from benchmarks.run.cell import Cell
@@ -42,11 +41,6 @@ def suites_of(arguments: argparse.Namespace) -> list[Suite]:
     return suites
 
 
-def limits_of(arguments: argparse.Namespace) -> CallLimits:
-    """Return the limits of a cell that the arguments give."""
-    return CallLimits(arguments.cell_timeout, arguments.cell_memory)
-
-
 def run(arguments: argparse.Namespace) -> int:
     """Run the suite's cells, print the board, and return the exit status."""
     suites, store = suites_of(arguments), Store(arguments.store)
@@ -55,14 +49,14 @@ def run(arguments: argparse.Namespace) -> int:
     if arguments.world:
         return max(compare_worlds(suite, arguments) for suite in suites)
     cells = [cell for suite in suites for cell in suite.cells]
-    run_all(cells, arguments, limits_of(arguments))
+    run_all(cells, arguments)
     results = results_of(cells, store)
     if not any(result.rows for result in results):
         say(f"fbl-gym: no cell has a result; {results[0].cell.id} failed: {results[0].error}", sys.stderr)
         return 1
     boards = boards_of(suites, store)
-    rows = terminal.Rows(SHOWN, [*map(str, arguments.policy)]) if arguments.short else terminal.Rows()
-    terminal.leaderboards(terminal.Screen(), boards, rows)
+    some = (SHOWN, [*map(str, arguments.policy)]) if arguments.short else ()
+    terminal.leaderboards(terminal.Screen(), boards, *some)
     if arguments.tex is not None:
         write_board(arguments.tex, boards[suites[0].name], command_line())
         say(f"table: {arguments.tex}")

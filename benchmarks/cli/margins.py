@@ -1,6 +1,7 @@
 """`fbl-gym margins`."""
 
 import argparse
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -23,7 +24,7 @@ def run(arguments: argparse.Namespace) -> int:
     for policy in arguments.policies:
         spec = resolve(policy)
         try:
-            fields = spec.call(_margins, spec, scenario, (q1, q2), arguments.seed)
+            fields = spec.call(partial(margins_as_data, response=True), spec, scenario, (q1, q2), arguments.seed)
             loops[str(policy)], margins = fields.pop("response"), Margins(**fields)
             rows.append((
                 policy, f"{max(margins.gain_lower):.2f} - {min(margins.gain_upper):.2f}", f"{min(margins.phase):.0f} deg",
@@ -33,22 +34,14 @@ def run(arguments: argparse.Namespace) -> int:
         except ValueError as problem:
             remarks.append(f"no margins of {policy}: {problem}")
     if rows:
-        show(
-            title,
-            ("policy", "gain margin", "phase margin", "delay margin", "in samples", "peak of S", "peak of T"),
-            rows,
-        )
+        header = ("policy", "gain margin", "phase margin", "delay margin", "in samples", "peak of S", "peak of T")
+        show(title, header, rows)
         remarks.append("Gain, phase and peaks: the worse joint, cut at its torque. Delay: of both torques.")
     if rows and arguments.plot is not None:
         plot_lines(f"Loops on {title}", _bode(loops), arguments.plot, arguments.width, across=2)
         remarks.append(f"plot: {arguments.plot}")
-    for remark in remarks:
-        say(remark)
+    say("\n".join(remarks))
     return 0 if rows else 1
-
-
-def _margins(*arguments: Any) -> dict[str, Any]:
-    return margins_as_data(*arguments, response=True)
 
 
 def _bode(loops: dict[str, Any]) -> list[Panel]:

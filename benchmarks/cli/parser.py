@@ -91,8 +91,7 @@ class Parser(argparse.ArgumentParser):
         """Exit with a message of argparse, which quotes the wrong text."""
         from fbl_gym.records.checks import nearest  # imports NumPy, which the list of commands does without
 
-        option = re.search(r"unrecognized arguments: (-\S+)", message)
-        if option:
+        if option := re.search(r"unrecognized arguments: (-\S+)", message):
             message += nearest(option[1].partition("=")[0], self._option_string_actions)
         super().error(visible(message))
 

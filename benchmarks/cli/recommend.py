@@ -1,17 +1,16 @@
 """`fbl-gym recommend`."""
 
 import argparse
-import importlib
 from collections.abc import Sequence
 from functools import partial
 
 import numpy as np
 from rich.progress import Progress
 
+from benchmarks.analysis.statistics import proportion, tail_mean
 from benchmarks.cli.common import command_line, run_all
 from benchmarks.report.terminal import Screen, show
 from benchmarks.studies import recommend
-from benchmarks.studies.recommend import RULE, Likeness, Recommendation
 from benchmarks.text import say
 from benchmarks.tuning.brief import tune_briefly
 from fbl_gym.records.checks import check_whole
@@ -24,9 +23,9 @@ def run(arguments: argparse.Namespace) -> int:
         raise ValueError(f"--seeds must be at least 2 for an interval, got {arguments.seeds}")
     trials = check_whole("--trials", arguments.trials, high=10_000)
     if trials:
-        importlib.import_module("optuna")  # of the extra `analysis`: now, not after minutes of work
+        import optuna  # noqa: F401  of the extra `analysis`: now, not after minutes of work
     base, run_cells = as_scenario(arguments.scenario), partial(run_all, arguments=arguments)
-    likeness = Likeness.of(base)
+    likeness = recommend.Likeness.of(base)
     policies = arguments.policies or recommend.candidates(tuple(dict.fromkeys((*likeness.classes, base.robot_class))))
     say(likeness.text)
     bounds = arguments.least_phase, arguments.least_delay
@@ -46,19 +45,21 @@ def _tune(base: Scenario, trials: int, workers: int, bounds: tuple[float, float]
         )  # fmt: skip
 
 
-def _print(result: Recommendation) -> None:
+def _print(result: recommend.Recommendation) -> None:
     if not result.safe:
         Screen().print(f"No policy is safe on {result.scenario}. The best of those that are not:", style="bold")
     rows, columns = [], []
     for choice in result.choices:
-        unknown = np.isnan(choice.phase_deg)
+        errors, lost = choice.errors_pct, choice.lost
+        bound, unknown = 100 * proportion(lost.sum(), lost.size).high, np.isnan(choice.phase_deg)
         margins = ("unknown",) * 2 if unknown else (f"{choice.phase_deg:.0f}°", f"{choice.delay_samples:.2f}")
         rows.append((
-            choice.policy + " (unsafe)" * (not choice.safe), f"{choice.median_pct:.3g} %", f"{choice.worst_pct:.3g} %",
-            f"{choice.diverged} of {choice.runs} (< {100 * choice.diverged_bound:.1f} %)", f"{choice.effort:.2f}", *margins,
+            choice.policy + " (unsafe)" * (not choice.safe), f"{np.median(errors):.3g} %",
+            f"{tail_mean(errors.ravel()):.3g} %", f"{lost.sum():.0f} of {lost.size} (< {bound:.1f} %)", f"{choice.effort:.2f}",
+            *margins,
         ))  # fmt: skip
-        errors = zip(choice.errors_pct, choice.lost, strict=True)
-        columns.append([f"{error:.3g} %" + f", {lost} diverged" * (lost > 0) for error, lost in errors])
+        cells = zip(np.exp(np.log(errors).mean(axis=-1)), lost.sum(axis=-1).tolist(), strict=True)
+        columns.append([f"{error:.3g} %" + f", {n:.0f} diverged" * (n > 0) for error, n in cells])
     header = ("policy", "error", "worst 5 %", "diverged (bound)", "effort", "phase margin", "delay margin [samples]")
     show(f"{result.scenario}, {len(result.conditions)} conditions", header, rows)
     lines = zip(result.conditions, *columns, strict=True)
@@ -71,4 +72,4 @@ def _print(result: Recommendation) -> None:
     for reason in dict.fromkeys(result.failed.values()):
         without = ", ".join(policy for policy, why in result.failed.items() if why == reason)
         say(f"without {without}: {reason}")
-    say(f"{RULE}.\nerror: median of the runs of all conditions.")
+    say(f"{recommend.RULE}.\nerror: median of the runs of all conditions.")

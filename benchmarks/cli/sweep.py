@@ -5,8 +5,7 @@ import itertools
 import math
 import re
 import sys
-from collections.abc import Callable
-from typing import TypeAlias
+from typing import Any, TypeAlias
 
 import numpy as np
 
@@ -23,7 +22,6 @@ from benchmarks.run.metrics import counted_errors
 from benchmarks.run.suite import Suite
 from benchmarks.text import say
 from fbl_gym import scenarios
-from fbl_gym.model.arm import Array
 from fbl_gym.records.checks import Pair
 
 Value: TypeAlias = float | Pair
@@ -45,8 +43,8 @@ def over(text: str) -> tuple[str, str, list[Value], bool]:
             ends = float(low), float(high), count(number, 10_000)
             if scale == "log" and min(ends[:2]) <= 0:
                 raise argparse.ArgumentTypeError(f"must have ends above 0 for log, got {text!r}")
-            spaces: dict[str, Callable[..., Array]] = {"log": np.geomspace, "lin": np.linspace}
-            points = [*map(_value, spaces[scale](*ends))]
+            space: Any = {"log": np.geomspace, "lin": np.linspace}[scale]
+            points = [*map(_value, space(*ends))]
         else:
             scale, points = "lin", [_value(*([x] if factors else x.split("/"))) for x in values.split(",")]
     except (ValueError, KeyError):
@@ -97,11 +95,9 @@ def run(arguments: argparse.Namespace) -> int:
         written = (x if isinstance(x, float) else text for x, text in zip(point, texts, strict=True))
         runs.append(((cell.policy.name, *written), cell.seeds, result.rows))
         (low, mid, high), lost = np.quantile(errors, QUANTILES), sum(row["diverged"] > 0 for row in result.rows)
-        key = cell.policy.name, *texts[1:]
+        key, text = (cell.policy.name, *texts[1:]), f"{number(mid)} ({number(low)}–{number(high)})"
         curves.setdefault(key, []).append(errors)
-        columns.setdefault(key, []).append(
-            f"{number(mid)} ({number(low)}–{number(high)})" + f", {lost} lost" * (lost > 0)
-        )
+        columns.setdefault(key, []).append(text + f", {lost} lost" * (lost > 0))
     write_runs(arguments.csv, ("policy", *names), runs)
     first, *others = (_label(name, factor) for name, factor in zip(names, factors, strict=True))
     titles = {key: ", ".join([key[0], *map(" ".join, zip(names[1:], key[1:], strict=True))]) for key in curves}

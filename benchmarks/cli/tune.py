@@ -12,7 +12,6 @@ from benchmarks.policies.spec import resolve
 from benchmarks.run.expansion import distinguish, expand
 from benchmarks.text import say
 from benchmarks.tuning import search
-from benchmarks.tuning.search import Task
 from controllers import name as naming
 from fbl_gym import Scenario, scenarios
 
@@ -24,7 +23,7 @@ def run(arguments: argparse.Namespace) -> int:
         if arguments.ship and (policy.external or policy.parsed.gains or policy.parsed.tuned):
             raise ValueError(f"--ship is for the laws that fbl-gym comes with, got {policy.name!r}: give --out instead")
         task, judging = (
-            Task(policy, _scenarios(arguments, usual), numbers, (arguments.least_phase, arguments.least_delay))
+            search.Task(policy, _scenarios(arguments, usual), numbers, (arguments.least_phase, arguments.least_delay))
             for usual, numbers in zip(search.scenarios_of(arguments.robot), (tried, fresh), strict=True)
         )
         search.open_study(task, arguments.storage)  # here, since no two processes may create a database at once
@@ -46,7 +45,7 @@ def _scenarios(arguments: argparse.Namespace, usual: Sequence[str]) -> tuple[Sce
     return tasks
 
 
-def tune_one(arguments: argparse.Namespace, command: str, tasks: tuple[Task, Task]) -> str:
+def tune_one(arguments: argparse.Namespace, command: str, tasks: tuple[search.Task, search.Task]) -> str:
     """Tune one policy, write its gains, and return the verdict in words."""
     task, judging = tasks
     name = task.policy.name

@@ -3,10 +3,9 @@
 Each physics step is the kernel's, `fbl_gym.kernel.arm.physics.move`.
 """
 
-import dataclasses
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -122,7 +121,7 @@ class Windows:
         """Return some of the windows, by a mask; their logs are numbered anew."""
         parts: dict[str, Any] = {name: getattr(self, name)[some] for name in ("state", "measured", "start", "time")}
         parts["log"] = np.unique(self.log[some], return_inverse=True)[1]
-        return dataclasses.replace(self, **parts)
+        return replace(self, **parts)
 
     def simulate(self, parameters: Array, zero: Array, state: Array) -> Array:
         """Return simulated positions [m x windows x k x 2] of m sets of parameters.

@@ -29,7 +29,6 @@ from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from concurrent.futures.process import BrokenProcessPool
 from dataclasses import dataclass
-from pathlib import Path
 from typing import IO, Any, TypeVar
 
 import numpy as np
@@ -74,7 +73,7 @@ def run_isolated(function: Callable[..., Answer], *arguments: Any, limits: CallL
     It has all rights of the user on files and processes: this stops accidents, and no attack.
 
     Args:
-        function: of a module; it returns plain data and arrays.
+        function: of a module, or a `partial` of one; it returns plain data and arrays.
         *arguments: data of any type.
         limits: of the call; None: an hour, and as much memory as there is.
 
@@ -128,10 +127,8 @@ def _call(files: Sequence[IO[bytes]], seconds: float) -> int:
     """
     late = Failed(f"it took longer than {seconds:g} s, see leaderboard --cell-timeout")
     if os.name != "posix":
-        request, answer, prints = files
         try:
-            files_of: dict[str, Any] = {"stdin": request, "stdout": answer, "stderr": prints}
-            return subprocess.run(_command(""), timeout=seconds, check=False, **files_of).returncode
+            return subprocess.call(_command(""), stdin=files[0], stdout=files[1], stderr=files[2], timeout=seconds)
         except subprocess.TimeoutExpired:
             raise late from None
     with _SERVING:
@@ -194,7 +191,7 @@ def end_group(number: int) -> None:
 
 
 def _command(argument: str) -> list[str]:
-    return [sys.executable, str(Path(__file__).with_name("fresh.py")), argument, *_search_path()]
+    return [sys.executable, os.path.join(os.path.dirname(__file__), "fresh.py"), argument, *_search_path()]
 
 
 def _search_path() -> list[str]:
@@ -295,18 +292,20 @@ def run_parallel(
         yield from ((item, function(item)) for item in items)
         return
     others = set(multiprocessing.active_children())
-    with _starting():
+    safe = os.environ.get("PYTHONSAFEPATH", "")
+    os.environ["PYTHONSAFEPATH"] = "1"  # what starts now imports no standard module from the current folder
+    try:
         pool = ProcessPoolExecutor(workers, multiprocessing.get_context("spawn"), _begin)
         futures = {pool.submit(function, item): item for item in items}
+    finally:
+        os.environ["PYTHONSAFEPATH"] = safe  # empty: it is off
     try:
         for future in as_completed(futures):
             try:
                 yield futures[future], future.result()
             except BrokenProcessPool:
-                yield (
-                    futures[future],
-                    Failed("a worker process died, perhaps for lack of memory; the same command goes on"),
-                )
+                died = "a worker process died, perhaps for lack of memory; the same command goes on"
+                yield futures[future], Failed(died)
     finally:
         processes = set(multiprocessing.active_children()) - others
         pool.shutdown(wait=False)
@@ -314,19 +313,6 @@ def run_parallel(
             if all(future.done() for future in futures):
                 process.join(5.0)  # to kill an idle one may break a pipe that its pool still writes to
             process.kill()
-
-
-@contextlib.contextmanager
-def _starting() -> Iterator[None]:
-    """Let a process that starts now import no standard module from the current folder."""
-    before = os.environ.get("PYTHONSAFEPATH")
-    os.environ["PYTHONSAFEPATH"] = "1"
-    try:
-        yield
-    finally:
-        del os.environ["PYTHONSAFEPATH"]
-        if before is not None:
-            os.environ["PYTHONSAFEPATH"] = before
 
 
 def _begin() -> None:

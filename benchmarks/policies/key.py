@@ -101,6 +101,9 @@ def law_modules(roots: Iterable[ModuleType]) -> dict[str, Path]:
     return found
 
 
+_owners = functools.cache(metadata.packages_distributions)
+
+
 def loaded_since(before: Iterable[str], own: str) -> tuple[dict[str, Path], set[str]]:
     """Return what was imported from outside fbl-gym and the standard library.
 
@@ -113,15 +116,13 @@ def loaded_since(before: Iterable[str], own: str) -> tuple[dict[str, Path], set[
     """
     files: dict[str, Path] = {}
     packages: set[str] = set()
-    owners: Mapping[str, list[str]] | None = None
     for name, module in [*sys.modules.items()]:
         path, top = getattr(module, "__file__", None), name.partition(".")[0]
         if not isinstance(path, str) or place(path) == "ours" or (name in before and top != own):
             continue
         if place(path) == "installed":
-            owners = metadata.packages_distributions() if owners is None else owners
-            packages.update(owners.get(top, ()))
-        if place(path) == "" or top == own or (place(path) == "installed" and top not in (owners or {})):
+            packages.update(_owners().get(top, ()))
+        if place(path) == "" or top == own or (place(path) == "installed" and top not in _owners()):
             archive = (parent for parent in (Path(path), *Path(path).parents) if parent.is_file())  # of zipped modules
             files[name] = next(archive, Path(path)).resolve()
     return files, packages - {*PINNED}

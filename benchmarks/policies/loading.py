@@ -2,7 +2,6 @@
 
 import contextlib
 import hashlib
-import importlib
 import importlib.util
 import os
 import sys
@@ -15,7 +14,6 @@ from numba.core.ccallback import CFunc
 from numba.core.dispatcher import Dispatcher
 from numba.np.ufunc.ufuncbuilder import UFuncDispatcher
 
-import controllers
 from benchmarks.agents.policy import folder_factory, shipped
 from benchmarks.agents.sb3 import archive_factory
 from benchmarks.policies.key import PACKAGES, place
@@ -94,7 +92,7 @@ def _registered(name: PolicyName) -> Callable[..., Any]:
     if name.seed is not None and name.seed not in shipped().get(name.source, ()):
         raise unknown("policy", str(name), registry.names())
     with _outside_code(Path.cwd()) if entry_module(name) else contextlib.nullcontext():
-        return controllers.factory(name)
+        return registry.factory(name)
 
 
 def _attribute(name: PolicyName, module: ModuleType) -> Callable[..., Any]:

@@ -7,26 +7,23 @@ depends on has changed.
 """
 
 import contextlib
-import dataclasses
 import math
 import os
 import sys
 from collections.abc import Callable, Iterable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field, fields, replace
 from glob import glob
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-import controllers
 from benchmarks.policies import key
 from benchmarks.policies.isolation import Answer, CallLimits, Failed, run_isolated
 from benchmarks.policies.loading import FILE_MODULE, IMPORTED, NotFound, entry_module, is_code, load
 from controllers import registry
 from controllers.base import ACCESS
 from controllers.name import PolicyName
-from controllers.registry import KINDS
 from fbl_gym import scenarios
 from fbl_gym.envs.vector_env import TwoLinkArmVectorEnv
 from fbl_gym.records.checks import check_choice, check_number, unknown
@@ -98,16 +95,9 @@ class PolicySpec:
     def identity(self) -> dict[str, Any]:
         """All that distinguishes this policy from others, but not the place of an external one."""
         name = self.parsed
-        return {
-            "policy": str(name.code) if name.form == "name" else f"external:{'+'.join((name.attribute, *name.parts))}",
-            "access": self.access,
-            "shared": self.shared,
-            "code": dict(self.code),
-            "uses": dict(self.uses),
-            "data": dict(self.data),
-            "tuned": dict(self.tuned),
-            "gains": dict(self.gains),
-        }
+        text = str(name.code) if name.form == "name" else f"external:{'+'.join((name.attribute, *name.parts))}"
+        others = ("access", "shared", "code", "uses", "data", "tuned", "gains")
+        return {"policy": text} | {other: getattr(self, other) for other in others}
 
     def make(self, env: Any, **gains: Any) -> Any:
         """Return the policy for an environment, wrapped or not, or for its `interface`.
@@ -149,7 +139,7 @@ class PolicySpec:
 
     def to_dict(self) -> dict[str, Any]:
         """Return the specification as plain data; its name is a text."""
-        data = {name: value for name, value in dataclasses.asdict(self).items() if name not in ("files", "rows")}
+        data = {name: value for name, value in asdict(self).items() if name not in ("files", "rows")}
         return {**data, "parsed": str(self.parsed)}
 
     @classmethod
@@ -161,8 +151,8 @@ class PolicySpec:
         """
         lists = {name: tuple(data[name]) for name in ("needs", "packages")}
         given = {**data, **lists, "parsed": PolicyName.parse(data["parsed"], "a result")}
-        spec = cls(**{field.name: given[field.name] for field in dataclasses.fields(cls) if field.name in given})
-        check_choice("kind", spec.kind, KINDS)
+        spec = cls(**{field.name: given[field.name] for field in fields(cls) if field.name in given})
+        check_choice("kind", spec.kind, registry.KINDS)
         check_choice("access", spec.access, ACCESS)
         return spec
 
@@ -170,13 +160,13 @@ class PolicySpec:
 def build(name: PolicyName, factory: Callable[..., Any], env: Any, **gains: Any) -> Any:
     """Return the policy of a name and factory for an environment; more gains replace the name's."""
     if name.form == "name":
-        return controllers.make(name, env, **gains)
-    return controllers.make(factory, env, **(name.given_gains | gains))
+        return registry.make(name, env, **gains)
+    return registry.make(factory, env, **(name.given_gains | gains))
 
 
 def names() -> tuple[str, ...]:
     """Return the name of every registered policy, then those with tuned gains."""
-    return (*controllers.names(), *controllers.tuned())
+    return (*registry.names(), *registry.tuned())
 
 
 def resolve(
@@ -196,14 +186,14 @@ def resolve(
     if isinstance(policy, PolicySpec):
         return policy
     name = PolicyName.parse(policy) if isinstance(policy, str) else policy
-    name = dataclasses.replace(name, trusted=name.trusted or trust)
+    name = replace(name, trusted=name.trusted or trust)
     if not is_code(name):
         return _resolved(name)
     try:
         data, files = run_isolated(_resolve_code, name, limits=limits)
     except Failed as problem:
         return PolicySpec(name, external=True, problem=f"{problem}, while it was loaded")
-    return dataclasses.replace(PolicySpec.from_dict(data), parsed=name, files=files)
+    return replace(PolicySpec.from_dict(data), parsed=name, files=files)
 
 
 def _resolve_code(name: PolicyName) -> tuple[dict[str, Any], dict[str, str]]:
@@ -222,18 +212,16 @@ def _resolved(name: PolicyName) -> PolicySpec:
     try:
         factory = load(name)
         gains = {gain: np.asarray(value).tolist() for gain, value in name.given_gains.items()}
-        spec = _declared(dataclasses.replace(spec, gains=gains), factory)
+        spec = _declared(replace(spec, gains=gains), factory)
         uses = [*getattr(factory, "uses", ())]
         if is_code(name) or name.gains:
             with contextlib.suppress(*(() if name.gains else (Exception, SystemExit))):
                 uses += getattr(build(name, factory, _example(spec)), "uses", ())
         return _with_hashes(spec, factory, uses, before)
-    except NotFound:
-        raise
     except BadDeclaration as problem:
-        return dataclasses.replace(spec, problem=str(problem))
+        return replace(spec, problem=str(problem))
     except (Exception, SystemExit) as problem:
-        if name.gains or (isinstance(problem, ValueError) and not is_code(name)):
+        if name.gains or isinstance(problem, NotFound) or (isinstance(problem, ValueError) and not is_code(name)):
             raise
         return spec
 
@@ -241,24 +229,21 @@ def _resolved(name: PolicyName) -> PolicySpec:
 def _declared(spec: PolicySpec, factory: Callable[..., Any]) -> PolicySpec:
     """Return the specification with all that a factory declares but code and files."""
     name = spec.parsed
-    try:
-        registry.check_gains(name, factory)
-    except ValueError as problem:
-        raise BadDeclaration(str(problem)) from problem
     if name.form == "name":
-        kind, summary = controllers.kind(name), controllers.summary(name)
+        kind, summary = registry.kind(name), registry.summary(name)
     else:
         kind, summary = getattr(factory, "kind", "classical"), (factory.__doc__ or "").strip().split("\n")[0]
     tuning = "given gains" if name.gains else "tuned" if name.tuned else "default gains"
     lists = {what: getattr(factory, what, ()) for what in ("needs", "packages", "data_files", "uses")}
     try:
+        registry.check_gains(name, factory)
         for what, given in lists.items():
             if isinstance(given, str) or not all(isinstance(item, str | os.PathLike) for item in given):
                 raise ValueError(f"{what} of {name} must be a list of text, got {given!r}")
-        return dataclasses.replace(
+        return replace(
             spec,
-            kind=check_choice(f"kind of {name}", kind, KINDS),
-            access=controllers.access(name if name.form == "name" else factory),
+            kind=check_choice(f"kind of {name}", kind, registry.KINDS),
+            access=registry.access(name if name.form == "name" else factory),
             needs=tuple(lists["needs"]),
             packages=tuple(lists["packages"]),
             preview=check_number(f"preview of {name}", getattr(factory, "preview", 0.0), low=0, high=100),
@@ -284,7 +269,7 @@ def _with_hashes(spec: PolicySpec, factory: Any, uses: Iterable[str], before: se
     own = entry_module(name) or (name.source if name.form == "module" else "")
     if is_code(name):
         modules, packages = key.loaded_since(before, own.partition(".")[0])
-        spec = dataclasses.replace(spec, packages=tuple(dict.fromkeys((*spec.packages, *sorted(packages)))))
+        spec = replace(spec, packages=tuple(dict.fromkeys((*spec.packages, *sorted(packages)))))
     bases = {cls.__module__ for cls in getattr(law, "__mro__", (law,)) if cls.__module__ in sys.modules}
     modules |= key.law_modules(sys.modules[module] for module in {*modules, *bases})
     modules = {"" if module.startswith(FILE_MODULE) else module: file for module, file in modules.items()}
@@ -293,7 +278,7 @@ def _with_hashes(spec: PolicySpec, factory: Any, uses: Iterable[str], before: se
     folder = {"file": modules.get(""), "archive": Path(name.source), "folder": Path(name.source, "agent.json")}
     home = Path(folder.get(name.form) or str(sys.modules[own or law.__module__].__file__)).resolve().parent
     data = _data_files(spec, getattr(factory, "data_files", ()), home)
-    return dataclasses.replace(
+    return replace(
         spec, code=key.digests(modules), data=key.digests(data), uses=_uses(name, uses),
         files={file: str(path) for file, path in {**modules, **data}.items()},
     )  # fmt: skip

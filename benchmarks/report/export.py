@@ -39,12 +39,8 @@ def _cell(value: Any) -> Any:
 
 def write_csv(path: Path, results: Sequence[Result]) -> None:
     """Write all runs of some results as CSV."""
-    runs = (
-        (
-            (run.cell.policy.name, run.cell.scenario.name, f"{run.cell.scenario.control_dt:.7g}"),
-            run.cell.seeds,
-            run.rows,
-        )
-        for run in results
-    )
+    runs = []
+    for result in results:
+        cell, task = result.cell, result.cell.scenario
+        runs.append(((cell.policy.name, task.name, f"{task.control_dt:.7g}"), cell.seeds, result.rows))
     write_runs(path, ("policy", "scenario", "control_dt"), runs)

@@ -2,7 +2,6 @@
 
 import sys
 from collections.abc import Collection, Iterable, Mapping, Sequence
-from dataclasses import dataclass
 from typing import Any, Literal, TypeAlias
 
 import numpy as np
@@ -56,36 +55,30 @@ def show(title: str, header: Sequence[str], rows: Iterable[Sequence[str]], justi
     Screen().print(table(title, header, rows, justify))
 
 
-@dataclass(frozen=True)
-class Rows:
-    """The rows of a board that are printed: the first ones, and those of some policies."""
+def leaderboards(
+    console: Console, boards: Mapping[str, Board], first: int | None = None, also: Collection[str] = ()
+) -> None:
+    """Print each board, by name, and how each policy does on all of them.
 
-    first: int | None = None
-    policies: Collection[str] = ()
-
-    def of(self, names: Sequence[str]) -> list[int]:
-        """Return the places of the rows, in a table of policies in order."""
-        return [i for i, name in enumerate(names) if self.first is None or i < self.first or name in self.policies]
-
-
-def leaderboards(console: Console, boards: Mapping[str, Board], rows: Rows = Rows()) -> None:
-    """Print each board, by name, and how each policy does on all of them."""
+    A table has the `first` rows, or all, and those of some policies.
+    """
     for name, board in boards.items():
         if len(boards) > 1:
             console.print(f"\n[bold]{escape(name)}[/bold]")
-        leaderboard(console, board, rows)
+        leaderboard(console, board, first, also)
     if len(boards) > 1:
         header, body = over_all(boards)
-        body = [body[i] for i in rows.of([row[0] for row in body])]
+        body = [row for k, row in enumerate(body) if first is None or k < first or row[0] in also]
         console.print(table("rank and error on each board", header, body))
     console.print(escape(MEANING))
 
 
-def leaderboard(console: Console, board: Board, rows: Rows = Rows()) -> None:
-    """Print one row per policy, the best first, and the board's remarks.
+def leaderboard(console: Console, board: Board, first: int | None = None, also: Collection[str] = ()) -> None:
+    """Print one row per policy, the best first, and the board's remarks, as `leaderboards` does.
 
     No text is cut: the table has the first of the main columns that fit, and the others are named.
     """
+    rows = [i for k, i in enumerate(board.order) if first is None or k < first or board.policies[i] in also]
     shown, hidden = columns_of(board, ALL), ""
     unlimited = console.options.update(width=10_000)
     while len(shown) > 1 and console.measure(_board(board, shown, rows), options=unlimited).maximum > console.width:
@@ -97,10 +90,10 @@ def leaderboard(console: Console, board: Board, rows: Rows = Rows()) -> None:
         console.print(escape(remark), style="red" if remark in board.gaps else "yellow")
 
 
-def _board(board: Board, selected: Sequence[Column], chosen: Rows) -> Drawn:
-    """Return a table with some columns of a board."""
+def _board(board: Board, selected: Sequence[Column], chosen: Sequence[int]) -> Drawn:
+    """Return a table with some columns and policies of a board."""
     rows = []
-    for i in (board.order[k] for k in chosen.of([board.policies[i] for i in board.order])):
+    for i in chosen:
         ranked = board.specs[i].ranked
         leads = [ranked and column.leads(i, board.ranked) for column in selected]
         cells = [column.cell(i, brief=True) for column in selected]

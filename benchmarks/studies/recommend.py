@@ -7,17 +7,16 @@ baseline. The scenario itself counts as much as all its
 conditions together.
 """
 
-import dataclasses
 import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 
 import controllers
 from benchmarks.analysis.board import Board, assemble
-from benchmarks.analysis.statistics import proportion, tail_mean
+from benchmarks.analysis.statistics import proportion
 from benchmarks.policies.spec import resolve
 from benchmarks.run.cell import Cell
 from benchmarks.run.linearize import margins_as_data
@@ -198,10 +197,10 @@ def _off(base: Scenario, times: float, samples: float) -> dict[str, Any]:
     drive = base.actuator
     delay, more = middle(drive.delay), samples * base.control_dt
     ends_of_delay = [round(x / base.physics_dt) * base.physics_dt for x in (max(delay - more, 0.0), delay + more)]
-    drive = dataclasses.replace(drive, delay=Distribution(choice=tuple(ends_of_delay)))
+    drive = replace(drive, delay=Distribution(choice=tuple(ends_of_delay)))
     sheet: dict[str, Any] = {"delay": sum(base.actuator.facts(base)["delay"]) / 2}
     if lag := middle(drive.lag):
-        drive, sheet["lag"] = dataclasses.replace(drive, lag=Distribution(choice=(lag / times, lag * times))), lag
+        drive, sheet["lag"] = replace(drive, lag=Distribution(choice=(lag / times, lag * times))), lag
     changes: dict[str, Any] = {"actuator": drive}
     joint: Any = base.joint
     if joint is not None:
@@ -209,7 +208,7 @@ def _off(base: Scenario, times: float, samples: float) -> dict[str, Any]:
         power = 1.0 if name == "stiffness" else 0.5
         each = [middle(x) for x in getattr(joint, name)]
         off = tuple(Distribution(choice=(x / times**power, x * times**power)) for x in each)
-        changes["joint"] = dataclasses.replace(joint, **{name: off})
+        changes["joint"] = replace(joint, **{name: off})
         both = zip(*joint.facts(base)["stiffness"], strict=True)
         sheet["stiffness"] = tuple(math.sqrt(low * high) for low, high in both)
     stated = {name: x for name, x in vars(base.datasheet or Datasheet()).items() if x is not None}
@@ -236,14 +235,14 @@ def _weight(arm: ArmParameters) -> Array:
 
 def _replaced(record: Any, **changes: Any) -> Any:
     """Return a record with other fields, or their plain data where there is no record."""
-    return changes if record is None else dataclasses.replace(record, **changes)
+    return changes if record is None else replace(record, **changes)
 
 
 def _larger(record: Any, usual: Any, names: Sequence[str], factor: float) -> Any:
     """Return a record with some fields times a factor; without one, the usual times factor - 1."""
     if record is None:
         record, factor = usual, factor - 1.0
-    return dataclasses.replace(record, **{name: scaled(getattr(record, name), factor) for name in names})
+    return replace(record, **{name: scaled(getattr(record, name), factor) for name in names})
 
 
 def _uniform(low: float, high: float, scale: float = 1.0) -> Distribution:
@@ -267,13 +266,8 @@ class Choice:
     Attributes:
         policy: its name.
         safe: True if it is, by `RULE`.
-        median_pct: median error of all runs [%].
-        worst_pct: mean of the largest 5 % of the errors [%].
-        diverged: number of diverged runs.
-        runs: number of runs.
-        diverged_bound: upper bound of the share of diverged runs.
-        errors_pct: error in each condition [%], the geometric mean of the runs.
-        lost: number of diverged runs in each condition.
+        errors_pct: error of each run [conditions x seeds] %.
+        lost: 1 where the run diverged, else 0 [conditions x seeds].
         effort: variation of the torque, relative to that of the calmest policy that is recommended.
         phase_deg: phase margin; NaN: unknown.
         delay_samples: delay margin in control steps; NaN: unknown.
@@ -283,13 +277,8 @@ class Choice:
 
     policy: str
     safe: bool
-    median_pct: float
-    worst_pct: float
-    diverged: int
-    runs: int
-    diverged_bound: float
-    errors_pct: tuple[float, ...]
-    lost: tuple[int, ...]
+    errors_pct: Array
+    lost: Array
     effort: float
     phase_deg: float = math.nan
     delay_samples: float = math.nan
@@ -360,17 +349,13 @@ def recommend(
     best = [*same][:3]
     variation = np.median(board.runs["variation"], axis=(1, 2))
     calmest = min(filter(None, variation[best]), default=1.0)  # a policy without a torque has none
-    choices = []
-    for i in best:
-        errors, lost = board.errors[i], board.runs["diverged"][i]
-        choices.append(
-            Choice(
-                complete[i], safe[i], float(np.median(errors)), float(tail_mean(errors.ravel())), int(lost.sum()), lost.size,
-                float(proportion(lost.sum(), lost.size).high), tuple(np.exp(np.log(errors).mean(axis=-1)).tolist()),
-                tuple(lost.sum(axis=-1).astype(int).tolist()), float(variation[i] / calmest),
-                *margins[i], tuple(complete[k] for k in same[i]),
-            )
-        )  # fmt: skip
+    errors, lost = board.errors, board.runs["diverged"]
+    choices = [
+        Choice(
+            complete[i], safe[i], errors[i], lost[i], float(variation[i] / calmest), *margins[i],
+            tuple(complete[k] for k in same[i]),
+        ) for i in best
+    ]  # fmt: skip
     return Recommendation(base.name, tuple(choices), tuple(tasks), failed)
 
 

@@ -16,7 +16,6 @@ import numpy as np
 from scipy import stats
 
 from benchmarks.analysis.board import Board, assemble
-from benchmarks.policies.spec import PolicySpec
 from benchmarks.run.cell import Cell
 from benchmarks.run.metrics import counted_errors
 from benchmarks.run.runner import run as run_cells
@@ -75,15 +74,10 @@ def tau(board: Board, rows: Sequence[int], names: Sequence[str], logs: Array) ->
         names: of the families.
         logs: mean logarithms of their errors in the sealed test [rows x families].
     """
-    errors = board.error().value[rows]
-    return {
-        "all": float(stats.kendalltau(errors, logs.mean(axis=1)).statistic),
-        "first ten": float(stats.kendalltau(errors[:10], logs[:10].mean(axis=1)).statistic),
-        **{
-            family: float(stats.kendalltau(board.error(board.families[family]).value[rows], logs[:, k]).statistic)
-            for k, family in enumerate(names) if family in board.families
-        },
-    }  # fmt: skip
+    errors, sealed, members = board.error().value[rows], logs.mean(axis=1), board.families
+    pairs = {"all": (errors, sealed), "first ten": (errors[:10], sealed[:10])}
+    pairs |= {x: (board.error(members[x]).value[rows], logs[:, k]) for k, x in enumerate(names) if x in members}
+    return {name: float(stats.kendalltau(*pair).statistic) for name, pair in pairs.items()}
 
 
 def whole(text: str) -> int:
@@ -113,7 +107,7 @@ def main(argv: Sequence[str] | None = None) -> None:
     names = tuple(families(arguments.suite))
     number = int(board.version, 16) if arguments.number is None else arguments.number
     tasks = [draw(number, arguments.suite, family) for family in names]
-    first: dict[str, PolicySpec] = {board.policies[i]: board.specs[i] for i in board.order if i in board.ranked}
+    first = {board.policies[i]: board.specs[i] for i in board.order if i in board.ranked}
     sealed = {(name, task.name): Cell(spec, task, seeds) for name, spec in first.items() for task, seeds in tasks}
     results = {result.cell.id: result for _, result in run_cells([*sealed.values()], store, workers=arguments.workers)}
     table = {name: [results[sealed[name, task.name].id] for task, _ in tasks] for name in first}

@@ -17,14 +17,13 @@ best are written to a file.
 
 from __future__ import annotations
 
-import dataclasses
 import json
 import logging
 import math
 import sys
 import time
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass, fields
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -103,7 +102,7 @@ class Task:
     def defaults(self) -> dict[str, Any]:
         """Default value of each gain, for a file that stays the same when the defaults change."""
         law: Any = self.policy.factory()
-        return {field.name: field.default for field in dataclasses.fields(law) if field.name in self.ranges}
+        return {field.name: field.default for field in fields(law) if field.name in self.ranges}
 
     def shipped(self, *robots: str) -> dict[str, dict[str, Any]]:
         """Return the gains for classes of robots that are within the search, by policy."""
@@ -114,7 +113,7 @@ class Task:
     @property
     def arms(self) -> list[dict[str, Any]]:
         """The arms of the scenarios as plain data, for a file of gains."""
-        return [dataclasses.asdict(arm) for arm in dict.fromkeys(scenario.arm for scenario in self.scenarios)]
+        return [asdict(arm) for arm in dict.fromkeys(scenario.arm for scenario in self.scenarios)]
 
     def effort(self, count: int, cpu_s: float) -> dict[str, Any]:
         """Return the effort of some sets of gains as plain data, with scenarios and seeds."""

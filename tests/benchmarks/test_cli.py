@@ -128,7 +128,7 @@ def printed(board, **options):
 @pytest.mark.parametrize("policies", [(), ("zero",)])
 def test_a_short_board_has_the_first_rows_and_the_policies_that_are_asked_for(board, policies):
     file = io.StringIO()
-    terminal.leaderboards(Console(file=file, width=132), {"one": board, "two": board}, terminal.Rows(1, policies))
+    terminal.leaderboards(Console(file=file, width=132), {"one": board, "two": board}, 1, policies)
     shown = file.getvalue()
     assert shown.count("slotine-li@tuned") == 3  # on both boards and on that of both
     assert shown.count("zero ") == 3 * len(policies)

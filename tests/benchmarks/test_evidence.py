@@ -8,9 +8,9 @@ import pytest
 from scipy.stats import kendalltau
 
 from benchmarks.analysis.board import Board, assemble
-from benchmarks.analysis.curves import read_groups
 from benchmarks.analysis.statistics import Estimate
 from benchmarks.analysis.transfer import compare_halves, compare_orders
+from benchmarks.cli.curves import read_groups
 from benchmarks.policies.spec import resolve
 from benchmarks.run.runner import run_cell
 from benchmarks.run.suite import Suite

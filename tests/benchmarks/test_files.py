@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from benchmarks.agents.agent import read
-from benchmarks.analysis.curves import read_groups
+from benchmarks.cli.curves import read_groups
 from benchmarks.cli.train import _hyperparameters
 from benchmarks.files import write_text
 from benchmarks.identification import logs

@@ -12,8 +12,7 @@ from selenium.webdriver.support.ui import WebDriverWait
 
 from benchmarks.analysis.board import assemble
 from benchmarks.report.columns import columns
-from benchmarks.report.figures import pareto
-from benchmarks.report.page import write_page
+from benchmarks.report.page import pareto, write_page
 from benchmarks.run.cell import Cell
 from benchmarks.run.runner import run_cell
 from fbl_gym import scenarios

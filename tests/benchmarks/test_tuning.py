@@ -277,11 +277,7 @@ def test_the_choice(result):
     assert result.safe
     assert {choice.policy for choice in result.choices} == {"pd-gravity", "computed-torque"}  # zero is not safe
     first, second = result.choices
-    assert first.median_pct < first.worst_pct
-    assert first.runs == 4 * len(result.conditions) == 48
-    assert 0.0 < first.diverged_bound < 0.2
-    assert len(first.errors_pct) == len(result.conditions)
-    assert sum(first.lost) == first.diverged
+    assert first.errors_pct.shape == first.lost.shape == (len(result.conditions), 4) == (12, 4)
     assert min(first.effort, second.effort) == 1.0
     assert first.safe > second.safe
     assert first.phase_deg > 30.0 > second.phase_deg
@@ -354,6 +350,8 @@ def test_the_command(folder, fbl_gym, monkeypatch):
     assert "class: servo (100 Hz, rigid joints, dry friction of 10 % of" in printed
     assert "pd-gravity@" in printed
     assert "torque constant" in printed
+    median, worst = re.search(r"([\d.]+) % +([\d.]+) % +0 of 24 \(< 14\.2 %\) +1\.00 ", printed).groups()
+    assert float(median) < float(worst)
     arguments = ["recommend", "my_arm.toml", *few, "--trials", "0"]
     assert "error by condition" in fbl_gym([*arguments, "--policies", "pd-gravity", "zero"]).out
     lacks = folder / "lacks.py"
