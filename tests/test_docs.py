@@ -176,7 +176,7 @@ SHORTER = {
     '"computed-torque-dob", "sliding-mode", "lqg"': "", "0 1 2 3 4 5 6 7 8 9": "0 1", "--minutes 0.667": "",
     "--trials 10": "--trials 2", "board_coverage 512": "board_coverage 2", "30,25,20,15,10": "30,10",
     " direct-practice geared-practice": "", "seeds=16": "seeds=2", "seeds=8": "seeds=2", "4096, 500": "16, 5",
-    "(0.0, 0.005, 0.01, 0.015, 0.02)": "(0.0, 0.01)",
+    "(0.0, 0.005, 0.01, 0.015, 0.02)": "(0.0, 0.01)", "in_tier(tier, severities)": "in_tier(tier, severities)[:1]",
 }  # fmt: skip
 """What makes the code of a page and of an example short."""
 
