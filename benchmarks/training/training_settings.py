@@ -67,7 +67,7 @@ class TrainingSettings(Record):
     adapter: AdapterSettings = field(default_factory=AdapterSettings)
     scenarios: tuple[Scenario, ...] = field(default_factory=lambda: (scenarios.get("everything-2"),))
     moves: bool = declared(False, check_flag, "True or False")
-    arms: int = whole(0)
+    arms: int = whole(0, high=100)
     seed: int = whole(0)
     steps: int | None = whole(None, low=1)
     minutes: float | None = number(None, unit="min", above=0)
