@@ -99,7 +99,10 @@ def test_a_run_trains_on_the_motions_of_its_scenarios_and_on_others_that_no_boar
     assert TrainingSettings("ppo", scenarios=tasks).practice == [*tasks]
     practice, motions = TrainingSettings("ppo", scenarios=tasks, moves=True).practice, training_settings.MOTIONS
     assert [task.reference for task in practice[:4]] == [tasks[0].reference, *motions]
-    assert {task.reference for task in practice} == {tasks[0].reference, *motions}  # saturation has its turn with others
+    assert {task.reference for task in practice} == {
+        tasks[0].reference,
+        *motions,
+    }  # saturation has its turn with others
     assert not any(map(scenarios.held_out_reason, practice))
 
 
