@@ -10,6 +10,7 @@ from scipy.stats import kendalltau
 from benchmarks.analysis.board import Board, assemble
 from benchmarks.analysis.statistics import Estimate
 from benchmarks.analysis.transfer import compare_halves, compare_orders
+from benchmarks.cli import common
 from benchmarks.cli.curves import read_groups
 from benchmarks.policies.spec import resolve
 from benchmarks.run.runner import run_cell
@@ -147,6 +148,16 @@ def test_the_command_prints_both_boards_and_tau(tmp_path, fbl_gym):
     assert any(words[0] == "(oracle-flm)" for words in lines)
     assert f"Left out: {broken}: ValueError: no gains" in " ".join(out.split())
     assert "--seeds must be at least 4" in fbl_gym([*base, "--policies", "pd-gravity", "--seeds", "2"], 2).err
+
+
+def test_limits_reach_the_cells_of_both_worlds(tmp_path, fbl_gym, monkeypatch):
+    def run(cells, *_, limits, **__):
+        raise ValueError(f"{len(cells)} cells, {limits.seconds:g} s, {limits.gigabytes:g} GB")
+
+    monkeypatch.setattr(common, "run", run)
+    line = "leaderboard --suite servo --world mujoco --policies pd-gravity --scenarios servo-nominal --seeds 4"
+    limits = ["--cell-timeout", "7", "--cell-memory", "2", "--store", str(tmp_path)]
+    assert "2 cells, 7 s, 2 GB" in fbl_gym([*line.split(), *limits], 2).err
 
 
 @pytest.fixture
