@@ -222,3 +222,16 @@ def test_the_table_has_the_metrics_of_each_run():
 def test_a_mistake_is_named(given, message):
     with pytest.raises(ValueError, match=message):
         benchmarks.evaluate(**{"policy": "pid-flm", "scenario": NOMINAL, **given})
+
+
+def test_a_diverged_lane_stays_dead_and_leaves_the_others_alone():
+    scenario = scenarios.get("everything-3").replace(duration=0.4, limits={"velocity": 4.0})
+    found = rollout("zero", scenario, range(16))
+    dead = ~found.alive[-1]
+    assert dead.any()
+    assert np.all(np.diff(found.alive.astype(int), axis=0) <= 0)
+    alive = int(np.flatnonzero(~dead)[0])
+    np.testing.assert_array_equal(rollout("zero", scenario, [alive]).position[:, 0], found.position[:, alive])
+    assert [row["diverged"] for row in measure(found)] == list(dead.astype(float))
+    # What was asked of it goes on, and is what was asked of the others.
+    np.testing.assert_array_equal(found.reference, rollout("pd-gravity", scenario, range(16)).reference)
