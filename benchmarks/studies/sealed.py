@@ -2,7 +2,7 @@
 
 `python -m benchmarks.studies.sealed` takes the board from the store. Arms, motions and seeds are
 drawn from the board's version, a hash of its code, so whoever changes the code chooses the draw:
-that is validation. `--number` draws from a number that nobody could know before the release.
+that is validation. A release is drawn with `--number`, from a later public random number.
 """
 
 import argparse
