@@ -16,7 +16,7 @@ from fbl_gym.envs.error_scales import ErrorScales, drive_numbers
 from fbl_gym.interface import Interface
 from fbl_gym.model.arm import Array, inertia_matrix
 from fbl_gym.options import SENSORS
-from fbl_gym.records.checks import Pair, check_choice, check_choices, check_number
+from fbl_gym.records.checks import Pair, check_choice, check_choices, check_flag, check_number
 from fbl_gym.records.record import Record, choice, choices, declared, number, pair, whole
 
 ACTIONS = ("torque", "residual", "blend")
@@ -31,13 +31,6 @@ def _check_law(name: str, value: Any) -> str:
         check_choice(name, law.source, controllers.names())
         check_choices("parts", law.parts, PARTS)
     return str(value)
-
-
-def check_flag(name: str, value: object) -> object:
-    """Return a value that is True or False."""
-    if not isinstance(value, bool):
-        raise ValueError(f"{name} must be True or False, got {value!r}")
-    return value
 
 
 def _check_scales(name: str, value: Any) -> tuple[float, ...]:

@@ -2,9 +2,11 @@
 
 import argparse
 import io
+import json
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -52,9 +54,11 @@ def read_groups(folders: Sequence[Path]) -> tuple[Group, ...]:
     """Return the runs in some folders of `fbl-gym train`, grouped by their settings.
 
     Raises:
-        ValueError: a folder has no run, or a group has a training seed twice.
+        ValueError: a folder has no run, or one of other scenarios, or a group has a training seed
+            twice.
     """
     groups: dict[str, dict[int, tuple[Path, dict[str, Array]]]] = {}
+    first: dict[str, Any] = {}
     for folder in folders:
         try:
             settings, seed = training(folder)
@@ -63,6 +67,9 @@ def read_groups(folders: Sequence[Path]) -> tuple[Group, ...]:
         except (OSError, ValueError, KeyError, TypeError, AttributeError) as problem:
             reason = reason_of(problem)
             raise ValueError(f"RUN must be a folder of fbl-gym train, got {str(folder)!r} ({reason})") from None
+        tasks = json.loads(settings).get("scenarios")
+        if tasks != first.setdefault("tasks", tasks):
+            raise ValueError(f"RUN must have trained on the scenarios of the first RUN, got {str(folder)!r}")
         runs = groups.setdefault(settings, {})
         if seed in runs:
             raise ValueError(f"RUN must differ in settings or seed, got {str(runs[seed][0])!r} and {str(folder)!r}")

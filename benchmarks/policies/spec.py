@@ -185,6 +185,9 @@ def resolve(
     """
     if isinstance(policy, PolicySpec):
         return policy
+    if not isinstance(policy, str | PolicyName):
+        given = type(policy).__name__
+        raise ValueError(f"policy must be a name or a path, got a {given}: save it, and give the file with trust=True")
     name = PolicyName.parse(policy) if isinstance(policy, str) else policy
     name = replace(name, trusted=name.trusted or trust)
     if not is_code(name):

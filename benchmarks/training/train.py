@@ -9,6 +9,7 @@ A run writes to its folder:
 """
 
 import json
+import reprlib
 import sys
 from dataclasses import asdict
 from functools import partial
@@ -52,8 +53,12 @@ def train(settings: TrainingSettings, folder: Path, command: str = "", evaluatio
 def _train(settings: TrainingSettings, folder: Path, command: str, evaluations: int) -> None:
     text, run_file = json.dumps(asdict(settings), indent=1) + "\n", folder / "run.json"
     began = (folder / CHECKPOINT).is_file()
-    if began and _without_length(read_text(run_file)) != _without_length(text):
-        raise ValueError(f"only steps and minutes of a run may change; run.json of {str(folder)!r} has other settings")
+    old, new = (_without_length(each) for each in (read_text(run_file) if began else text, text))
+    if other := [name for name in new if old.get(name) != new[name]]:
+        raise ValueError(
+            f"only steps and minutes of a run may change, not {', '.join(other)}; the run in {str(folder)!r} has "
+            f"{other[0]} {reprlib.repr(old.get(other[0]))}: give the same, or another --out"
+        )
 
     # Lane i draws its episodes from the stream of seed first + i.
     first = training_seeds(settings.seed)[0]
@@ -83,9 +88,9 @@ def _train(settings: TrainingSettings, folder: Path, command: str, evaluations: 
         print(f"the run has {learner.steps:,} steps already; more --steps extend it", file=sys.stderr)
 
 
-def _without_length(text: str) -> dict[str, Any] | None:
-    """Return the settings of a run without its length; None: the text has none."""
+def _without_length(text: str) -> dict[str, Any]:
+    """Return the settings of a run without its length; none if the text has none."""
     try:
         return {**json.loads(text), "steps": None, "minutes": None}
     except (ValueError, TypeError, RecursionError):
-        return None
+        return {}

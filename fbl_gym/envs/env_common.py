@@ -18,7 +18,7 @@ from fbl_gym.kernel.memory.program import Program, make_program
 from fbl_gym.kernel.step.pool import threads_for
 from fbl_gym.model.arm import Array
 from fbl_gym.options import Reward
-from fbl_gym.records.checks import check_choice, check_whole, nearest
+from fbl_gym.records.checks import check_choice, check_flag, check_whole, nearest
 from fbl_gym.records.record import build, naming
 from fbl_gym.scenarios import Scenario, as_scenario
 
@@ -55,7 +55,7 @@ class TaskProperties:
         if render_mode is not None:
             check_choice("render_mode", render_mode, self.metadata["render_modes"])
         self.render_mode = render_mode
-        self._info, self._has_context = info, context
+        self._info, self._has_context = check_flag("info", info), check_flag("context", context)
         self.render_size = check_whole("render_size", render_size, low=160)
         # A film with one frame per step then runs in real time.
         self.metadata = {**self.metadata, "render_fps": max(1, round(1.0 / self._scenario.control_dt))}

@@ -14,7 +14,7 @@ from fbl_gym.envs.error_scales import ErrorScales
 from fbl_gym.envs.vector_env import TwoLinkArmVectorEnv
 from fbl_gym.interface import Interface
 from fbl_gym.model.arm import Array
-from fbl_gym.records.checks import check_pair, check_whole
+from fbl_gym.records.checks import check_flag, check_pair, check_whole
 
 
 class _InErrorCoordinates:
@@ -30,7 +30,7 @@ class _InErrorCoordinates:
     def _observe_errors(self, history: int, fine: Any, drive: bool) -> None:
         """Prepare the observations and their space."""
         fine = None if fine is None else check_pair("fine", fine, above=0)
-        self._errors = ErrorScales(self.interface, fine=fine, drive=drive)
+        self._errors = ErrorScales(self.interface, fine=fine, drive=check_flag("drive", drive))
         self._history = check_whole("history", history, high=10_000)
         if history and self.device != "cpu":
             raise ValueError(f"history must be 0 with device='cuda', got {history}: stack the tensors in your program")

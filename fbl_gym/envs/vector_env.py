@@ -16,7 +16,7 @@ from fbl_gym.envs.side_by_side import side_by_side
 from fbl_gym.kernel.batch import Flags, Truth
 from fbl_gym.model.arm import Array
 from fbl_gym.options import Reward
-from fbl_gym.records.checks import check_whole
+from fbl_gym.records.checks import check_choice, check_whole
 from fbl_gym.scenarios import Scenario
 
 if TYPE_CHECKING:
@@ -73,7 +73,8 @@ class TwoLinkArmVectorEnv(TaskProperties, VectorEnv[Array, Array, Array]):
         render_mode: str | None = None, render_size: int = 480, **options: Any,
     ) -> None:  # fmt: skip
         self.num_envs = check_whole("num_envs", num_envs, low=1, high=10**7)
-        self.autoreset_mode = AutoresetMode(autoreset_mode)
+        mode, modes = getattr(autoreset_mode, "value", autoreset_mode), [each.value for each in AutoresetMode]
+        self.autoreset_mode = AutoresetMode(check_choice("autoreset_mode", mode, modes))
         if max_episode_steps is not None:
             check_whole("max_episode_steps", max_episode_steps, low=1)
         self._prepare(

@@ -61,6 +61,13 @@ def check_choices(name: str, value: object, known: Iterable[str]) -> tuple[str, 
     return tuple(each for each in known if each in given)
 
 
+def check_flag(name: str, value: object) -> bool:
+    """Return a value that is True or False."""
+    if not isinstance(value, bool):
+        raise ValueError(f"{name} must be True or False, got {value!r}")
+    return value
+
+
 def bounds_text(low: float = -math.inf, high: float = math.inf, above: float | None = None) -> str:
     """Return bounds in words, such as " greater than 0"; an empty text if there are none."""
     text = ""

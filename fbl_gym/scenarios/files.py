@@ -28,7 +28,7 @@ from fbl_gym.reading import read_text
 from fbl_gym.records.checks import unknown
 from fbl_gym.records.record import build, merged, naming
 from fbl_gym.scenarios.scenario import Scenario, as_arm
-from fbl_gym.scenarios.tiers import MEMBERS, tier_scenario
+from fbl_gym.scenarios.tiers import MEMBERS, TIERS, in_tier, tier_scenario
 from fbl_gym.scenarios.worlds import in_world
 
 FARTHEST = 1.5
@@ -174,6 +174,9 @@ def get(name: str) -> Scenario:
         scenario = tier_scenario(entry)
     elif entry in _FILES:
         scenario = load(_FILES[entry], entry)
+    elif entry in TIERS:
+        some = f"such as {in_tier(entry)[0]!r}; scenarios.in_tier({entry!r}) names all"
+        raise ValueError(f"scenario must be one scenario, got the tier {entry!r}: take one of it, {some}")
     else:
         raise unknown("scenario", entry, names())
     return in_world(scenario, world) if world else scenario
@@ -188,4 +191,6 @@ def as_scenario(value: Any) -> Scenario:
         return get(str(value))
     if isinstance(value, Mapping) and "base" in value:
         return from_table(value)
+    if isinstance(value, list | tuple):
+        raise ValueError(f"scenario must be one scenario, got {len(value)}: gym.make_vec takes a list")
     return Scenario() if value is None else build("scenario", value, Scenario)

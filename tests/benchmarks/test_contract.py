@@ -87,6 +87,24 @@ def test_lanes_are_compared_on_the_same_readings(action, kept, tmp_path):
     assert lanes.kept is kept, lanes.detail
 
 
+UNSTABLE = """
+import numpy as np
+class make_policy:
+    def __init__(self, interface):
+        pass
+    def predict(self, observation, state=None, episode_start=None, deterministic=False):
+        last = np.zeros((len(np.atleast_2d(observation)), 2)) if state is None else state
+        begins = np.broadcast_to(False if episode_start is None else episode_start, len(last))
+        last = np.clip(1.05 * np.where(begins[:, None], 0.0, last) + 1e-7 * (np.ndim(observation) == 2), -1, 1)
+        return (last if np.ndim(observation) == 2 else last[0]), last
+"""
+
+
+def test_a_policy_may_amplify_last_bits_by_its_own_actions(folder, fbl_gym):
+    (folder / "unstable.py").write_text(UNSTABLE)
+    fbl_gym("check-policy unstable.py --scenario servo-nominal")
+
+
 HELPED = """
 from helper import GAIN
 from controllers.laws.simple import PdGravity

@@ -186,6 +186,8 @@ def test_the_command_compares_after_equal_steps_and_equal_time(trained, tmp_path
     assert "ppo" in (tmp_path / "curves.svg").read_text()
 
 
-def test_a_folder_without_a_run_and_a_run_given_twice_are_refused(trained, tmp_path, fbl_gym):
+def test_runs_that_cannot_be_compared_are_refused(trained, tmp_path, fbl_gym):
+    (tmp_path / "sac-0" / "run.json").write_text(json.dumps({"algorithm": "sac", "seed": 0, "scenarios": ["nominal"]}))
+    assert "must have trained on the scenarios of the first RUN" in fbl_gym(["curves", *map(str, trained)], 2).err
     for wrong, text in ((tmp_path, "RUN must be a folder of fbl-gym train"), (trained[0], "RUN must differ")):
         assert text in fbl_gym(["curves", str(trained[0]), str(wrong)], 2).err

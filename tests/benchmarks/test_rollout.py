@@ -224,6 +224,11 @@ def test_a_mistake_is_named(given, message):
         benchmarks.evaluate(**{"policy": "pid-flm", "scenario": NOMINAL, **given})
 
 
+def test_a_model_in_place_of_a_name_is_refused():
+    with pytest.raises(ValueError, match="policy must be a name or a path, got a dict: save it"):
+        benchmarks.evaluate({}, "nominal")
+
+
 def test_a_diverged_lane_stays_dead_and_leaves_the_others_alone():
     scenario = scenarios.get("everything-3").replace(duration=0.4, limits={"velocity": 4.0})
     found = rollout("zero", scenario, range(16))

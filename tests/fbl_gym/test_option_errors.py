@@ -97,6 +97,9 @@ def with_position_noise(**fields):
         for name, near in (("paper3a", "paper-3a"), ("everthing-3", "everything-3"), ("servo-nominl", "servo-nominal"))
     ],
     ({"scenario": 3}, "scenario must be a Scenario, .*got 3"),
+    ({"scenario": "servo-practice"}, "got the tier 'servo-practice': take one of it, such as 'servo-practice-nominal'"),
+    ({"scenario": ["nominal", "noise-1"]}, "scenario must be one scenario, got 2: gym.make_vec takes a list"),
+    *[({name: "False"}, f"{name} must be True or False, got 'False'") for name in ("info", "context")],
     ({"action": "torques"}, "unknown action 'torques'; did you mean 'torque'.* Known: "),
     ({"arm": "tabel-1"}, "unknown arm 'tabel-1'; did you mean 'table-1'"),
     ({"disturbance": {**SINE, "kind": "sinus"}}, "unknown kind of disturbance 'sinus'; did you mean 'sine'"),

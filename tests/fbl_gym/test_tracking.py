@@ -116,6 +116,7 @@ def test_a_state_has_the_earlier_observations():
 
 @pytest.mark.parametrize(("options", "message"), [
     ({"history": -1}, "history must be a whole number not below 0"),
+    ({"drive": "no"}, "drive must be True or False, got 'no'"),
     ({"fine": 0.0}, "fine must be .* greater than 0, got 0"),
     ({"fine": (1, 2, 3)}, r"fine must be one number, or one for each"),
 ])  # fmt: skip

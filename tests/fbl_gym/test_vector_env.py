@@ -154,7 +154,7 @@ def test_actions_of_any_memory_layout_and_type_move_the_arms_alike():
 
 @pytest.mark.parametrize(("arguments", "message"), [
     *[({"num_envs": n}, "num_envs must be .* not below 1 and .*, got") for n in (0, -1, 2.5, True, "2", None)],
-    ({"num_envs": 2, "autoreset_mode": "Nextstep"}, "'Nextstep' is not a valid AutoresetMode"),
+    ({"num_envs": 2, "autoreset_mode": "Nextstep"}, "unknown autoreset_mode 'Nextstep'; did you mean 'NextStep'"),
     ({"num_envs": 2, "max_episode_steps": 0}, "max_episode_steps must be"),
 ])  # fmt: skip
 def test_bad_arguments_are_named(arguments, message):

@@ -241,6 +241,7 @@ def test_shipped_hyperparameters_state_their_tuning(algorithm):
     ({"seed": 99999999}, "seed must be 0 to 2146482, since each has 1000 training seeds, got 99999999"),
     ({"steps": 0}, "steps must be a whole number not below 1, got 0"),
     ({"hyperparameters": ON_POLICY | {"reward": {"power": 2}}}, "unknown field of hyperparameters.reward 'power'"),
+    ({"hyperparameters": ON_POLICY | {"rewards": {}}}, "unknown hyperparameter 'rewards'; did you mean 'reward'"),
     ({"minutes": 0}, "minutes must be a finite number greater than 0, got 0"),
     ({"scenarios": (scenarios.get("servo-lag-2"),)}, r"scenario must be one to train on.*servo-lag-2"),
 ])  # fmt: skip
