@@ -129,7 +129,13 @@ class Law(Record):
         elif episode_start is not None and np.any(episode_start):
             starts = np.broadcast_to(np.asarray(episode_start, dtype=bool), len(batch))
             state = where_lanes(starts, self.restart(batch, state), state)
-        torque, state = self.torque(batch, state)
+        answer = self.torque(batch, state)
+        shape = np.shape(answer[0]) if isinstance(answer, tuple) and len(answer) == 2 else None
+        if shape != (len(batch), 2):
+            got = f"a torque of shape {shape}" if shape is not None else f"a {type(answer).__name__}"
+            name = f"{type(self).__name__}.torque"
+            raise ValueError(f"{name} must return a torque [{len(batch)} x 2] and the next state, got {got}")
+        torque, state = answer
         action = self.interface.action_from_torque(torque, *self.measured_motion(batch))
         return (action if observation.ndim == 2 else action[0]), state
 

@@ -103,7 +103,12 @@ def _entry(policy: str | PolicyName) -> _Entry:
         return _Entry(compose(_load(law), *name.parts), law.summary + summary, None, law.kind)
     if name.source in _REGISTRY:
         return _REGISTRY[name.source]
-    if name.form != "name" or name.source not in external():
+    if name.form != "name":
+        raise ValueError(
+            f"policy must be a name here, got {str(name)!r}: give its class, or "
+            f"benchmarks.policies.spec.resolve({str(name)!r}).make"
+        )
+    if name.source not in external():
         raise unknown("policy", name.law, names())
     factory = external()[name.source].load()
     check_gains(name, factory)
@@ -232,7 +237,9 @@ def make(policy: str | PolicyName | Callable[..., Any], env: Any, **gains: Any) 
         raise ValueError(f"{_name_of(policy)} makes no policy: it must take the interface as its first argument")
     for gain, value in gains.items():
         if gain not in (known := list(parameters)[1:]):
-            raise unknown(f"argument of {_name_of(policy)}", gain, known)
+            undecorated = isinstance(build, type) and "__dataclass_params__" not in vars(build)
+            hint = "; are @dataclass(frozen=True) and its annotation missing?" if undecorated else ""
+            raise ValueError(f"{unknown(f'argument of {_name_of(policy)}', gain, known)}{hint}")
         if isinstance(value, Multiple):
             gains[gain] = value.of(gain, tuned.get(gain, parameters[gain].default))
     gains = tuned | gains

@@ -7,7 +7,7 @@ from functools import partial
 
 import numpy as np
 
-from benchmarks.analysis.statistics import geometric_mean, interval, resample, tail_mean, wins
+from benchmarks.analysis.statistics import geometric_mean, proportion, resample, tail_mean, wins
 from benchmarks.cli.common import command_line
 from benchmarks.policies.spec import resolve
 from benchmarks.report import terminal
@@ -87,7 +87,8 @@ def _comparison(runs: Mapping[str, Rows], scenario: Scenario) -> Table:
     header = ("policy", "error %", "worst seed", "diverged %", "torque variation", *names, "errs less than the first")
     lines = []
     for policy, rows in runs.items():
-        better, mean = interval(wins(errors[policy], errors[first], counts)), summarize(rows)
+        n, mean = len(rows), summarize(rows)
+        better = proportion(n * wins(errors[policy], errors[first], counts)[0], n)
         error, worst = geometric_mean(errors[policy], counts)[0], max(errors[policy][0])
         values = (error, worst, 100 * mean["diverged"], *(mean[name] for name in ("variation", *names)))
         share = f"{100 * better.value:.0f} % ({100 * better.low:.0f}–{100 * better.high:.0f})"

@@ -17,6 +17,9 @@ from fbl_gym import Scenario, scenarios
 
 
 def run(arguments: argparse.Namespace) -> int:
+    if arguments.robot and arguments.scenarios and not arguments.ship:
+        raise ValueError(f"--class must be left out with --scenarios, got {arguments.robot!r}")
+    arguments.robot = arguments.robot or "servo"
     tried, fresh = search.seeds(arguments.seeds, arguments.fresh_seeds)
     pairs = []
     for policy in map(resolve, dict.fromkeys(arguments.policies)):

@@ -26,7 +26,7 @@ FOLDS = 6  # most parts of the logs that are held out in turn
 PRECISION = 2e-4  # error of the scaled numbers by the steps of the simulation, measured on arms that are known
 BLOCK = 1.0  # length of the parts of one or two logs that are left out in turn [s]
 LEAST_MOTION = 0.01  # least range of an angle; below it, the arm rests and its encoder flickers [rad]
-PLAUSIBLE = 5.0  # largest ratio of a fitted number to that of the starting model
+PLAUSIBLE, LIKELY = 5.0, 20.0  # largest ratios of fitted numbers to those of the start, of both links and of link 2
 
 # Share of the torques that the first fit leaves, beyond which signs, zeros and units are tried.
 # It is 0.1 for simulated arms, and 0.2 to 0.4 for logs of two real ones.
@@ -38,7 +38,8 @@ MIXED = 3.0
 
 CHECK = (
     "Check units (rad and N m; degrees and amperes by --signals position=deg torque=0.1*A), signs, zeros (--zero), "
-    "the order of the joints, the lengths of --start; or give logs of larger motions"
+    "the order of the joints, whether position 2 counts from link 1, the lengths of --start; or give logs of larger "
+    "motions"
 )
 
 # The motion that identifies a number, by the first word of its name.
@@ -218,7 +219,7 @@ def identify(logs: list[Log], start: Scenario, tick: Callable[[str], object] = s
         ValueError: the logs have no torque or no motion, are of several robots, or fit far better
             with other signs, zeros or units.
     """
-    gravity, given, passive = start.arm.gravity, parameters_of(start), _passive(logs)
+    gravity, given, passive = start.arm.gravity, parameters_of(start), _passive(logs, start)
     tie = start.arm.L1 / gravity if gravity > 0 else 0.0
     fixed = {"gain 2", *("gain 1" for _ in passive), *(("p3",) if gravity > 0 else ("p4", "p5"))}.union(*TERMS.values())
     free = tuple(name for name in PARAMETERS if name not in fixed)
@@ -271,15 +272,23 @@ def standing_still(data: Windows) -> Array:
     return data.state[:, :2] - data.measured[:, -1]
 
 
-def _passive(logs: Sequence[Log]) -> tuple[int, ...]:
-    """Return the joints without torque; refuse arms at rest, and logs without any torque."""
+def _passive(logs: Sequence[Log], start: Scenario) -> tuple[int, ...]:
+    """Return the joints without torque or a drive; refuse arms at rest, and logs without torque."""
     for log in logs:
         if (moved := np.ptp(log.smooth[:, :2], axis=0)).max() < LEAST_MOTION:
             raise ValueError(f"{log.name}: the arm must move, but rests: its angles change by {moved.round(5)} rad")
     torque = np.max([np.abs(log.torque).mean(axis=0) for log in logs], axis=0)
     if not torque.any():
         raise ValueError(f"torques must not all be zero, as in {logs[0].name}: name the commands' columns by --signals")
-    return tuple(joint + 1 for joint in (0, 1) if torque[joint] < 1e-3 * torque.max())
+    limit: Any = start.actuator.torque_limit
+    passive = np.flatnonzero(torque < 1e-3 * torque.max())
+    for joint in passive:
+        if limit is None or limit[joint] > 0:
+            raise ValueError(
+                f"torque {joint + 1} is zero in all logs, but --start has a drive there: name its column by --signals, "
+                "or give --start an actuator.torque_limit of 0 there"
+            )
+    return tuple(int(joint) + 1 for joint in passive)
 
 
 def _refuse_mistakes(logs: list[Log], share: float, unexplained: Callable[[list[Log]], float]) -> None:
@@ -294,6 +303,7 @@ def _refuse_mistakes(logs: list[Log], share: float, unexplained: Callable[[list[
         "the sign of position 2": (two, same, (0, 0)),
         "the signs of both positions": (-same, same, (0, 0)),
         "the signs of position 2 and torque 2": (two, two, (0, 0)),
+        "whether position 2 counts from link 1": (np.array([[1.0, -1.0], [0.0, 1.0]]), same, (0, 0)),
         "the order of the torques": (same, swap, (0, 0)),
         "the order of the joints": (swap, swap, (0, 0)),
         "degrees, by --signals position=deg": (np.radians(same), same, (0, 0)),
@@ -322,9 +332,11 @@ def refuse_meaningless(fit: Fit, start: Scenario, names: Sequence[str]) -> None:
     error, base, still = (float(np.median(np.hypot(*errors.T))) for errors in fit.errors.values())
     reasons = ["its error is no smaller than that of standing still"] * (error >= still)
     reasons += ["its error is larger than that of the starting model"] * (error > 1.05 * base)
-    for name in ("p4" if start.arm.gravity > 0 else "p1", "gain 1"):
-        ratio = fit.parameters[INDEX[name]] / parameters_of(start)[INDEX[name]]
-        if not 1 / PLAUSIBLE < ratio < PLAUSIBLE:
+    given, masses = parameters_of(start), ("p4", "p5") if start.arm.gravity > 0 else ("p1", "p2")
+    for name in (*masses, "gain 1"):
+        ratio = fit.parameters[INDEX[name]] / given[INDEX[name]] if given[INDEX[name]] > 0 else 1.0
+        most = LIKELY if name == masses[1] else PLAUSIBLE
+        if not 1 / most < ratio < most:
             reasons.append(f"{name} is {ratio:.3g} times that of --start")
     for name, zero in zip(names, fit.zero, strict=True):
         if np.abs(zero).max() > 5 * ZERO_SPREAD:

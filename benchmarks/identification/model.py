@@ -64,7 +64,10 @@ def _simulate(parameters, state, zero, command, start, h, keep, substeps):  # ty
         late = p[14] / h
         whole = math.floor(late)
         part = late - whole
-        share = 1.0 - math.exp(-h / p[15]) if p[15] > 1e-5 else 1.0
+        # Of the torque at the start of a physics step, the shares in its mean and at its end.
+        step, lag = h / substeps, max(p[15], 1e-9)
+        kept = math.exp(-step / lag)
+        mean = (1.0 - kept) * lag / step
         before = int(min(8.0 * p[15] / h, 50.0)) + 1
         for w in range(windows):
             q = (state[k, w, 0] + zero[k, w, 0], state[k, w, 1] + zero[k, w, 1])
@@ -80,12 +83,13 @@ def _simulate(parameters, state, zero, command, start, h, keep, substeps):  # ty
                         break
                 new = max(start[w] + i - whole, 0)
                 old = max(new - 1, 0)
-                u1 += share * (p[12] * ((1.0 - part) * command[new, 0] + part * command[old, 0]) - u1)
-                u2 += share * (p[13] * ((1.0 - part) * command[new, 1] + part * command[old, 1]) - u2)
-                if i >= 0:
-                    u = (u1, u2)
-                    for _ in range(substeps):
-                        q, v = move(h / substeps, q, v, (u, u, u), lumped, rotor, friction, EXACT_FRICTION)
+                end1 = p[12] * ((1.0 - part) * command[new, 0] + part * command[old, 0])
+                end2 = p[13] * ((1.0 - part) * command[new, 1] + part * command[old, 1])
+                for _ in range(substeps):
+                    if i >= 0:
+                        u = (end1 + mean * (u1 - end1), end2 + mean * (u2 - end2))
+                        q, v = move(step, q, v, (u, u, u), lumped, rotor, friction, EXACT_FRICTION)
+                    u1, u2 = end1 + kept * (u1 - end1), end2 + kept * (u2 - end2)
     return out
 
 

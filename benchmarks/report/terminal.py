@@ -99,8 +99,9 @@ def _board(board: Board, selected: Sequence[Column], chosen: Sequence[int]) -> D
         cells = [column.cell(i, brief=True) for column in selected]
         cells[0] = cells[0] if ranked else f"({cells[0]})"
         rows.append([Text(cell, "green" if best else "") for cell, best in zip(cells, leads, strict=True)])
-    counts = {"scenario": len(board.scenarios), "seed": len(board.seeds)}
-    title = ", ".join(f"{n} {name}{'s' * (n != 1)}" for name, n in counts.items())
+    beside = "".join(f", {len(some)} of {tier} without a rank" for tier, some in [*board.tiers.items()][1:])
+    counts = {"scenario": len(board.main), "seed": len(board.seeds)}
+    title = f"{beside}, ".join(f"{n} {name}{'s' * (n != 1)}" for name, n in counts.items())
     return table(f"{title} each; board {board.version}", [column.title for column in selected], rows)
 
 

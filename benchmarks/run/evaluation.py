@@ -4,6 +4,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pandas as pd
 
 from benchmarks.policies.spec import PolicySpec, resolve
@@ -36,7 +37,7 @@ def evaluate(
     Raises:
         ValueError: there is no such policy or scenario, or a gain is unknown or out of bounds.
     """
-    if isinstance(seeds, int):
+    if not np.iterable(seeds):
         seeds = SPLITS["test"][: check_whole("seeds", seeds, low=1, high=len(SPLITS["test"]))]
     rows = measure(rollout(resolve(policy, trust=trust), as_scenario(scenario), seeds, gains))
     return pd.DataFrame(rows, index=pd.Index(seeds, name="seed")).dropna(axis=1, how="all")

@@ -128,7 +128,10 @@ def rollout_trials(
             begin = time.perf_counter()
             action, state = actor.predict(observation, state=state, episode_start=starts, deterministic=True)
             waits[k] = time.perf_counter() - begin
-            observation, _, terminated, truncated, _ = env.step(action)
+            try:
+                observation, _, terminated, truncated, _ = env.step(action)
+            except ValueError as problem:
+                raise ValueError(f"{spec.name} after {k * scenario.control_dt:.4g} s: {problem}") from None
             # A lane that diverged begins its next episode one step later; that episode is not used.
             starts, ended = ended, terminated | truncated
             alive[k + 1] = alive[k] & ~terminated

@@ -8,6 +8,7 @@ whatever zeros the file has.
 
 import re
 import warnings
+from collections import Counter
 from collections.abc import Mapping
 from typing import Any, NamedTuple
 from xml.etree import ElementTree
@@ -18,7 +19,7 @@ import numpy as np
 
 from fbl_gym.model.arm import STANDARD_GRAVITY, ArmParameters, Array
 from fbl_gym.reading import read_bytes
-from fbl_gym.records.checks import Pair, check_choice, check_number
+from fbl_gym.records.checks import Pair, check_choice, check_number, unknown
 from fbl_gym.records.record import merged
 
 FILE = re.compile(r"(?P<path>.*?\.(?:urdf|xacro|xml|mjcf)(?:\.xacro)?)(?::(?P<names>.*))?$")
@@ -68,6 +69,7 @@ class _Robot(NamedTuple):
         frames: link and position [3] of each named frame.
         masses: of each link.
         up: against gravity [3] m/s^2.
+        doubts: what was neglected or guessed at a joint, by its name.
     """
 
     path: str
@@ -76,6 +78,7 @@ class _Robot(NamedTuple):
     frames: dict[str, tuple[str, Array]]
     masses: dict[str, _Mass]
     up: Array
+    doubts: dict[str, str]
 
 
 class RobotFile(NamedTuple):
@@ -148,7 +151,7 @@ def read_robot(path: str) -> RobotFile:
     except (OSError, expat.ExpatError, KeyError, ValueError) as problem:
         raise ValueError(f"{file} must be a URDF file: {type(problem).__name__}: {problem}") from None
     chosen = [name for name in names.split(",") if name]
-    inner, outer = _pair(robot, [name for name in chosen if name in robot.joints])
+    inner, outer = _pair(robot, chosen)
     bodies: dict[str | None, int] = {None: 0}
     for link, parent in robot.parents.items():
         bodies[link] = bodies[parent] + (inner.link == link) + (outer.link == link)
@@ -160,8 +163,10 @@ def read_robot(path: str) -> RobotFile:
 
 
 def _pair(robot: _Robot, names: list[str]) -> list[_Joint]:
-    """Return the two joints of an arm: those of some names, or all that there are."""
-    joints = {name: robot.joints[name] for name in names} or robot.joints
+    """Return the two joints of an arm: those among some names, or all that there are."""
+    joints = {name: robot.joints[name] for name in names if name in robot.joints} or robot.joints
+    if len(joints) == 1 < len(names):  # one joint and a tip make no arm
+        raise unknown(f"joint in {robot.path}", next(name for name in names if name not in joints), robot.joints)
     good = [joint for joint in joints.values() if isinstance(joint, _Joint)]
     if len(good) == len(joints) == 2:
         return good
@@ -174,7 +179,7 @@ def _pair(robot: _Robot, names: list[str]) -> list[_Joint]:
 
 def _planar(robot: _Robot, inner: _Joint, outer: _Joint, bodies: dict[str | None, int], names: list[str]) -> RobotFile:
     """Return the arm of two joints and their bodies; complex numbers are vectors in its plane."""
-    path, doubts = robot.path, []
+    path, doubts = robot.path, [robot.doubts[joint.name] for joint in (inner, outer) if joint.name in robot.doubts]
     axis, second = (joint.axis / np.linalg.norm(joint.axis) for joint in (inner, outer))
     sign, tilt = (1.0 if axis @ second > 0 else -1.0), float(np.linalg.norm(np.cross(axis, second)))
     if tilt > _TOLERANCE:
@@ -279,21 +284,27 @@ def _read(path: str) -> _Robot:
     root = builder.close()
     if root.tag == "mujoco":
         return _read_mujoco(path)
-    if any(element.tag.startswith("xacro:") for element in root.iter()):
+    if b"${" in text or any(element.tag.startswith("xacro:") for element in root.iter()):
         raise ValueError(f"it has macros of xacro, expand them first: xacro {path} > arm.urdf, or pip install xacrodoc")
     return _read_urdf(path, root)
 
 
 def _read_urdf(path: str, root: Element) -> _Robot:
+    names = Counter(link.attrib["name"] for link in root.findall("link"))
+    if twice := [name for name, number in names.items() if number > 1]:
+        raise ValueError(f"links must have different names, got {twice[0]!r} twice")
     links = {link.attrib["name"]: link for link in root.findall("link")}
     waiting = {joint.attrib["name"]: joint for joint in root.findall("joint")}
     driven = {joint.get("name") for joint in root.findall("transmission/joint")}
-    ends = {name: [_child(joint, end).attrib["link"] for end in ("parent", "child")] for name, joint in waiting.items()}
+    ends = {
+        name: [_child(joint, end, f"of joint {name!r}").attrib["link"] for end in ("parent", "child")]
+        for name, joint in waiting.items()
+    }
     for parent in {parent for parent, _ in ends.values()} & {"world"} - links.keys():
         links[parent] = Element("link", name=parent)  # by convention, it needs no declaration
     below = {child for _, child in ends.values()}
     parents: dict[str, str | None] = {name: None for name in links if name not in below}
-    poses, joints = {name: np.eye(4) for name in parents}, {}
+    poses, joints, doubts = {name: np.eye(4) for name in parents}, {}, {}
     while waiting:
         name = next((name for name in waiting if ends[name][0] in poses), None)
         if name is None:
@@ -304,17 +315,17 @@ def _read_urdf(path: str, root: Element) -> _Robot:
         joint, (parent, child) = waiting.pop(name), ends[name]
         parents[child], poses[child] = parent, poses[parent] @ _read_pose(joint)
         if (kind := joint.attrib["type"]) != "fixed":
-            joints[name] = _read_joint(joint, kind, child, poses[child], driven)
+            joints[name] = found = _read_joint(joint, kind, child, poses[child])
+            if driven and name not in driven and isinstance(found, _Joint):
+                joints[name] = found._replace(numbers=(0.0, *found.numbers[1:]))
+                doubts[name] = f"no <transmission> drives {name}: its torque limit is 0"
     frames = {name: (name, pose[:3, 3]) for name, pose in poses.items()}
     masses = {name: _read_mass(link, poses[name]) for name, link in links.items() if name in poses}
-    return _Robot(path, parents, joints, frames, masses, np.array([0.0, 0.0, STANDARD_GRAVITY]))
+    return _Robot(path, parents, joints, frames, masses, np.array([0.0, 0.0, STANDARD_GRAVITY]), doubts)
 
 
-def _read_joint(joint: Element, kind: str, link: str, pose: Array, driven: set[str | None]) -> _Joint | str:
-    """Return a joint, or why it is no joint of an arm.
-
-    Where transmissions name the driven joints, the others are passive, whatever their effort.
-    """
+def _read_joint(joint: Element, kind: str, link: str, pose: Array) -> _Joint | str:
+    """Return a joint, or why it is no joint of an arm."""
     if kind not in ("revolute", "continuous"):
         return kind
     if (mimic := joint.find("mimic")) is not None:
@@ -323,28 +334,35 @@ def _read_joint(joint: Element, kind: str, link: str, pose: Array, driven: set[s
     if not np.linalg.norm(axis) > 0.0:
         raise ValueError(f"axis of {name} must have a direction, got {axis}")
     texts = {key: value for tag in ("limit", "dynamics") for each in joint.findall(tag) for key, value in each.items()}
-    if driven and name not in driven:
-        texts["effort"] = "0"
     names = ("effort", "damping", "friction", "velocity")
-    numbers = tuple(float(texts[key]) if key in texts else None for key in names)
+    numbers = tuple(_number(f"{key} of {name}", texts[key]) if key in texts else None for key in names)
     return _Joint(name, link, pose[:3, :3] @ axis, pose[:3, 3], numbers)
 
 
 def _read_mass(link: Element, pose: Array) -> _Mass:
-    inertial = link.find("inertial")
+    inertial, of = link.find("inertial"), f"of link {link.get('name')!r}"
     if inertial is None:
         return _Mass(0.0, np.zeros(3), np.zeros((3, 3)))
-    moments = {name: float(value) for name, value in _child(inertial, "inertia").attrib.items()}
+    inertia, mass = (_child(inertial, name, of) for name in ("inertia", "mass"))
+    moments = {name: _number(f"{name} {of}", value) for name, value in inertia.attrib.items()}
     matrix = [[moments.get("i" + "".join(sorted(row + column)), 0.0) for column in "xyz"] for row in "xyz"]
     pose = pose @ _read_pose(inertial)
     turn = pose[:3, :3]
-    return _Mass(float(_child(inertial, "mass").attrib["value"]), pose[:3, 3], turn @ np.array(matrix) @ turn.T)
+    return _Mass(_number(f"mass {of}", mass.attrib["value"]), pose[:3, 3], turn @ np.array(matrix) @ turn.T)
+
+
+def _number(name: str, text: str) -> float:
+    """Return the number of an attribute."""
+    try:
+        return float(text)
+    except ValueError:
+        raise ValueError(f"{name} must be a number, got {text!r}") from None
 
 
 def _read_vector(element: Element | None, name: str, default: str) -> Array:
     """Return the three numbers of an attribute."""
     text = default if element is None else element.get(name, default)
-    vector = np.array(text.split(), dtype=float)
+    vector = np.array([_number(name, each) for each in text.split()])
     if vector.shape != (3,) or not np.isfinite(vector).all():
         raise ValueError(f"{name} must be three numbers, got {text!r}")
     return vector
@@ -360,11 +378,11 @@ def _read_pose(element: Element) -> Array:
     return pose
 
 
-def _child(element: Element, name: str) -> Element:
+def _child(element: Element, name: str, of: str) -> Element:
     """Return a child element that must be there."""
     child = element.find(name)
     if child is None:
-        raise KeyError(f"{name} of <{element.tag} name={element.get('name')!r}>")
+        raise ValueError(f"there must be a <{name}> {of}")
     return child
 
 
@@ -378,15 +396,13 @@ def _read_mujoco(path: str) -> _Robot:
     data.qpos[:] = 0.0 if model.nq == model.nv else model.qpos0
     mujoco.mj_kinematics(model, data)
     links = [model.body(i).name or f"body {i}" for i in range(model.nbody)]
-    largest = np.abs(model.actuator_ctrlrange * model.actuator_gear[:, :1]).max(axis=1)
-    efforts = {
-        int(model.actuator_trnid[i, 0]): float(largest[i]) if model.actuator_ctrllimited[i] else None
-        for i in np.flatnonzero(model.actuator_trntype == mujoco.mjtTrn.mjTRN_JOINT)
-    }
+    efforts, doubts = _torques(model)
     passive = 0.0 if efforts else None
     joints: dict[str, _Joint | str] = {}
     for i in range(model.njnt):
-        name, dof = model.joint(i).name or f"joint {i}", model.jnt_dofadr[i]
+        name, dof = _name_of(model, i), model.jnt_dofadr[i]
+        if model.jnt_stiffness[i]:
+            doubts[name] = "; ".join([*filter(None, [doubts.get(name)]), f"the spring of {name} is neglected"])
         numbers = efforts.get(i, passive), float(model.dof_damping.flat[dof]), float(model.dof_frictionloss[dof]), None
         joint = name, links[model.jnt_bodyid[i]], data.xaxis[i].copy(), data.xanchor[i].copy(), numbers
         hinge = model.jnt_type[i] == mujoco.mjtJoint.mjJNT_HINGE
@@ -397,4 +413,40 @@ def _read_mujoco(path: str) -> _Robot:
     masses = dict(zip(links, map(_Mass, map(float, model.body_mass), data.xipos, inertias), strict=True))
     parents = {link: links[model.body_parentid[i]] if i else None for i, link in enumerate(links)}
     frames = {link: (link, data.xpos[i].copy()) for i, link in enumerate(links)} | sites
-    return _Robot(path, parents, joints, frames, masses, -model.opt.gravity)
+    return _Robot(path, parents, joints, frames, masses, -model.opt.gravity, doubts)
+
+
+def _name_of(model: Any, joint: int) -> str:
+    return model.joint(joint).name or f"joint {joint}"
+
+
+def _torques(model: Any) -> tuple[dict[int, float | None], dict[str, str]]:
+    """Return the largest torque at each joint with actuators, None without a limit, and doubts.
+
+    The control of a motor is a force; that of a servo, such as a position, tells none. Forces act
+    through the gear. Those of several actuators at one joint add up.
+    """
+    from mujoco import mjtBias, mjtDyn, mjtGain, mjtTrn
+
+    ends: dict[int, Array] = {}
+    doubts: dict[str, str] = {}
+    for i in np.flatnonzero(np.isin(model.actuator_trntype, (mjtTrn.mjTRN_JOINT, mjtTrn.mjTRN_JOINTINPARENT))):
+        force, joint = np.array([-np.inf, np.inf]), int(model.actuator_trnid[i, 0])
+        kinds = model.actuator_gaintype[i], model.actuator_biastype[i], model.actuator_dyntype[i]
+        motor = kinds == (mjtGain.mjGAIN_FIXED, mjtBias.mjBIAS_NONE, mjtDyn.mjDYN_NONE)
+        if motor and model.actuator_ctrllimited[i]:
+            force = np.sort(model.actuator_gainprm[i, 0] * model.actuator_ctrlrange[i])
+        if model.actuator_forcelimited[i]:
+            force = np.clip(force, *model.actuator_forcerange[i])
+        elif not motor:
+            name = _name_of(model, joint)
+            doubts[name] = f"an actuator of {name} is a servo without a forcerange: it has no torque limit"
+        ends[joint] = ends.get(joint, np.zeros(2)) + np.sort(force * model.actuator_gear[i, 0])
+    efforts: dict[int, float | None] = {}
+    for joint, torques in ends.items():
+        low, high = np.clip(torques, *model.jnt_actfrcrange[joint]) if model.jnt_actfrclimited[joint] else torques
+        efforts[joint] = float(max(-low, high)) if np.isfinite((low, high)).all() else None
+        if efforts[joint] is not None and abs(low + high) > 1e-9:
+            name = _name_of(model, joint)
+            doubts[name] = f"the torque of {name} lies within {low:g} and {high:g} N m, and the larger bound is taken"
+    return efforts, doubts

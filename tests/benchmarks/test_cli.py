@@ -39,6 +39,7 @@ FEW = "--policies zero --scenarios nominal --seeds 1 --workers 1"
     ("leaderboard --scenarios mass-eror", "unknown scenario or family 'mass-eror'; did you mean 'mass-error'"),
     ("list policy", "invalid choice: 'policy' (choose from "),
     ("report --store nowhere", "nowhere lacks these results: run `fbl-gym leaderboard`"),
+    ("tune pid-flm --class geared --scenarios servo-practice-delay-1", "--class must be left out with --scenarios"),
     ("tune zero", "zero has nothing to tune"), ("identify", "give the logs"), ("show ''", "unknown scenario ''"),
     ("reproduce --only figure-77", "unknown claim 'figure-77'; did you mean 'figure-7'"),
     ("leaderbord", "did you mean 'leaderboard'"), ("leaderboard --workers 99999", "must be at most "),

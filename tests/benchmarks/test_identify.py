@@ -20,11 +20,12 @@ from tests import identification_coverage
 from tests.identification_coverage import NAMES, move, write
 
 START = scenarios.get("dfki-c1")
+START = START.replace(actuator=dataclasses.replace(START.actuator, lag=0.003))
 ROBOT = START.replace(
     arm=dataclasses.replace(START.arm, m1=0.6, m2=0.5, rotor=(START.arm.rotor[0], 1.5 * START.arm.rotor[1])),
     noise={"position": 1e-4}, encoder={"counts": 16384}, sensors=("position",),
     friction={"viscous": (0.02, 0.01), "coulomb": (0.15, 0.1)}, limits={"velocity": 100.0, "position": 100.0},
-    actuator={"torque_limit": 10.0, "gain": (0.9, 1.0), "delay": 0.006},
+    actuator={"torque_limit": 10.0, "gain": (0.9, 1.0), "delay": 0.006, "lag": 0.003},
 )  # fmt: skip
 ZERO = (0.05, -0.04)
 
@@ -145,7 +146,7 @@ def test_a_file_that_is_no_table_is_refused(tmp_path, text, message):
 
 
 def test_logs_of_two_robots_or_rates_are_refused(files, tmp_path):
-    heavy = ROBOT.replace(arm=dataclasses.replace(ROBOT.arm, m1=1.2, m2=1.0))
+    heavy = ROBOT.replace(arm=dataclasses.replace(ROBOT.arm, m1=0.9, m2=0.75))
     logs = [read(path) for path in (*files, write(tmp_path / "heavy.csv", run(5, robot=heavy)))]
     with pytest.raises(ValueError, match="one robot"):
         identify(logs, START)
@@ -156,9 +157,11 @@ def test_logs_of_two_robots_or_rates_are_refused(files, tmp_path):
 @pytest.mark.parametrize(("change", "message"), [
     (lambda r: r * [1, 1, 1, 0, 0], "torques must not all be zero"),
     (lambda r: r * [1, 1e-4, 1e-4, 1, 1], "must move, but rests"),
+    (lambda r: r * [1, 1, 1, 1, 0], "torque 2 is zero in all logs, but --start has a drive there"),
     (lambda r: r * [1, 1, 1, 1, -1], "check the sign of torque 2"),
     (lambda r: r * [1, -1, -1, 1, 1], "check the signs of both positions"),
     (lambda r: r[:, [0, 2, 1, 4, 3]], "check the order of the joints"),
+    (lambda r: r + np.c_[0 * r[:, :2], r[:, 1], 0 * r[:, :2]], "position 2 counts from link 1"),
     (lambda r: r + [0, np.pi / 2, 0, 0, 0], "check the zeros of the angles, -1.5708 and"),
     (lambda r: r * [1, 1, 1, 11, 11], "p4 is 10.5 times that of --start. Check units"),
 ])  # fmt: skip
@@ -182,7 +185,8 @@ def test_the_drive_that_has_torque_fixes_the_scale(tmp_path, monkeypatch):
     monkeypatch.setattr(fitting, "FOLDS", 2)
     robot = ROBOT.replace(actuator={"torque_limit": (10.0, 0.0), "delay": 0.006})
     rows = run(6, robot=robot, seconds=8.0) * [1, 1, 1, 1, 0]
-    start = START.replace(arm=dataclasses.replace(START.arm, m1=1.2 * START.arm.m1, m2=1.2 * START.arm.m2))
+    arm = dataclasses.replace(START.arm, m1=1.2 * START.arm.m1, m2=1.2 * START.arm.m2)
+    start = START.replace(arm=arm, actuator=dataclasses.replace(START.actuator, torque_limit=(10.0, 0.0)))
     found = identify([read(write(tmp_path / "pendubot.csv", rows))], start)
     low, high = found.interval[INDEX["p4"]]
     assert found.passive == (2,)
@@ -210,6 +214,7 @@ def test_the_simulation_is_the_environments(files):
 def test_the_arm_and_the_zeros_of_a_log_are_found_again(fit):
     free = [INDEX[name] for name in fit.free]
     assert fit.parameters[free] == pytest.approx(parameters_of(ROBOT)[free], rel=0.15, abs=2e-3)
+    assert fit.parameters[INDEX["delay"]] == pytest.approx(0.006, abs=3e-4)  # the data sheet has the lag
     assert {"rotor 2", "gain 1", "viscous 1"} <= set(fit.free)
     assert (np.ptp(fit.interval, axis=1)[free] > 0).all()
     assert fit.weak == {}

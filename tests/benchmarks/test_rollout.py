@@ -227,6 +227,8 @@ def test_a_mistake_is_named(given, message):
 def test_a_model_in_place_of_a_name_is_refused():
     with pytest.raises(ValueError, match="policy must be a name or a path, got a dict: save it"):
         benchmarks.evaluate({}, "nominal")
+    with pytest.raises(ValueError, match=r"seeds must be a whole number .*got 2\.5"):
+        benchmarks.evaluate("zero", "nominal", seeds=2.5)
 
 
 def test_a_diverged_lane_stays_dead_and_leaves_the_others_alone():

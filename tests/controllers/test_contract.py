@@ -127,3 +127,22 @@ def test_a_wrong_observation_is_refused():
     policy = controllers.make("pid-flm", TwoLinkArmEnv())
     with pytest.raises(ValueError, match=r"observation must have shape \(12,\)"):
         policy.predict(np.zeros(7))
+
+
+@pytest.mark.parametrize(("answer", "got"), [
+    (lambda n: np.zeros((n, 2)), "got a ndarray"),
+    (lambda n: (np.zeros((n, 4)), ()), r"got a torque of shape \(3, 4\)"),
+    (lambda n: (None, ()), r"got a torque of shape \(\)"),
+])  # fmt: skip
+def test_a_law_that_answers_wrongly_is_told_what_is_right(answer, got):
+    class Mine(controllers.TorqueLaw):
+        def torque(self, observation, state):  # noqa: ARG002
+            return answer(len(observation))
+
+    interface = TwoLinkArmEnv().interface
+    with pytest.raises(ValueError, match=rf"Mine.torque must return a torque \[3 x 2\] and the next state, {got}"):
+        Mine(interface).predict(np.zeros((3, 12)))
+    with pytest.raises(ValueError, match=r"'kp'.* are @dataclass\(frozen=True\) and its annotation missing"):
+        controllers.make(Mine, interface, kp=3.0)
+    with pytest.raises(ValueError, match=r"must be a name here, got 'mine\.py@gains': give its class"):
+        controllers.make("mine.py@gains", interface)

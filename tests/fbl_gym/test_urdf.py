@@ -120,6 +120,26 @@ def test_the_dynamics_equals_mujocos(file, tmp_path):
     assert (robot.arm.L2, robot.arm.gravity, robot.doubts) == (pytest.approx(1.0), pytest.approx(9.8), [])
 
 
+@pytest.mark.parametrize(("elbow", "limit", "doubt"), [
+    ('<motor joint="elbow" gear="2" ctrlrange="-1 1"/>', 2.0, ""),
+    ('<motor joint="elbow" ctrlrange="-1000 1000" forcerange="-40 40"/>', 40.0, ""),
+    ('<position joint="elbow" kp="500" ctrlrange="-3.14 3.14" forcerange="-150 150"/>', 150.0, ""),
+    ('<position joint="elbow" kp="500" ctrlrange="-3.14 3.14"/>', None, "actuator of elbow is a servo"),
+    ('<motor joint="elbow"/>', None, ""),
+    ('<motor joint="elbow" ctrlrange="0 30"/>', 30.0, "the torque of elbow lies within 0 and 30 N m"),
+    ('<motor joint="elbow" ctrlrange="-9 9"/><motor joint="elbow" ctrlrange="-5 5"/>', 14.0, ""),
+])  # fmt: skip
+def test_torque_limits_of_mujocos_actuators(elbow, limit, doubt, tmp_path):
+    xml = tmp_path / "arm.xml"
+    xml.write_text(f"""<mujoco><worldbody><body><joint name="shoulder" axis="0 1 0" actuatorfrcrange="-7 7"/><geom size="0.05"
+        mass="1"/><body pos="0 0 1"><joint name="elbow" axis="0 1 0" stiffness="3"/><geom size="0.05" mass="2" pos="0 0 0.5"/>
+        </body></body></worldbody><actuator><motor joint="shoulder"/>{elbow}</actuator></mujoco>""")
+    robot = read_robot(f"{xml}:1")
+    assert robot.limit == (7.0, limit)
+    assert "the spring of elbow is neglected" in robot.doubts[0]
+    assert doubt in robot.doubts[0]
+
+
 def test_lengths_gravity_and_tilt(file):
     arm, flat, tilted, turned, plain = (
         read_robot(file(text)).arm
@@ -147,6 +167,7 @@ FRICTION = DRIVEN.replace('velocity="1"/>', 'velocity="1"/><dynamics damping="0.
 def test_an_environment_takes_arm_drives_and_friction_and_says_so(file, text, limit, friction):
     path = file(text)
     message = f"(?s)theta1 = .*effort.*: {limit[0]:g}, {limit[1]:g}.*the velocity are not"
+    message += "(?s:.*no <transmission> drives elbow: its torque limit is 0)" if text == PENDUBOT else ""
     for make in (TwoLinkArmEnv, Scenario, lambda arm: as_scenario({"arm": arm})):
         with pytest.warns(RobotFileWarning, match=message):
             made = make(arm=path)
@@ -164,6 +185,7 @@ def test_names_choose_joints_and_tip(file):
     for names, message in (
         ("", r"two revolute joints, got shoulder, elbow, wrist.*:SHOULDER,ELBOW"),
         (":shoulder,elbow,to", r"unknown joint or tip in .* 'to'; did you mean 'tool'"),
+        (":shoulder,elbo", r"unknown joint in .* 'elbo'; did you mean 'elbow'"),
     ):
         with pytest.raises(ValueError, match=message):
             read_robot(f"{path}{names}")
@@ -189,6 +211,10 @@ WEIGHTLESS = chain().replace(inertial(2.0, "0.12 0.02 0", 0.01), "").replace(ine
     (chain(kind="prismatic"), "two revolute joints, got shoulder, elbow .prismatic"),
     (chain().replace("<axis", '<mimic joint="shoulder"/><axis'), "elbow .a mimic of shoulder"),
     (chain(extra="<xacro:arm/>"), "xacro .* > arm.urdf"),
+    (chain().replace('value="3.0"', 'value="${m1}"'), "xacro .* > arm.urdf"),
+    (chain().replace('value="3.0"', 'value="3.0,"'), "mass of link 'one' must be a number, got '3.0,'"),
+    (chain().replace("<inertia ", "<inertias "), "there must be a <inertia> of link 'one'"),
+    (chain(extra='<link name="two"/>'), "links must have different names, got 'two' twice"),
     (chain(axis2="0 0 1"), "parallel axes"),
     (chain(axis2="0 0 0"), "axis of elbow must have a direction"),
     (HEAVY, "the arm must have inertia"),
