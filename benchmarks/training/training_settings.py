@@ -12,12 +12,12 @@ from typing import Any
 import numpy as np
 
 from benchmarks.agents import sb3
-from benchmarks.agents.adapter import AdapterSettings, check_flag
+from benchmarks.agents.adapter import AdapterSettings
 from benchmarks.seeds import SPLITS
 from fbl_gym import scenarios
 from fbl_gym.model.arm import stretched_inertia
 from fbl_gym.options import FilteredSteps, FourierReference, Reward
-from fbl_gym.records.checks import check_number, check_whole
+from fbl_gym.records.checks import check_choices, check_flag, check_number, check_whole
 from fbl_gym.records.record import Distribution, Record, build, choice, declared, number, set_fields, whole
 from fbl_gym.scenarios import Scenario
 from fbl_gym.scenarios.class_families import BOX
@@ -37,7 +37,7 @@ START = {"initial_error": {"uniform": (-0.2, 0.2)}, "initial_velocity": {"unifor
 
 # Ends of the factors by which drawn arms differ from a scenario's: of both links' mass, length and
 # rotor, and of both torque limits.
-FACTORS = np.repeat([(1 / 3, 3.0), (0.6, 1.6), (0.3, 1.5), (0.8, 2.0)], 2, axis=0)
+FACTORS = np.repeat([(0.2, 5.0), (0.6, 5.0), (0.1, 1.5), (0.8, 2.0)], 2, axis=0)
 
 SEEDS_PER_RUN = 1000  # episode seeds that each training seed has, one for each lane of a scenario
 LEAST_LANES = 16  # fewest lanes of each of several scenarios: with fewer, Python's share of the time grows
@@ -140,6 +140,7 @@ def check_hyperparameters(given: Any, most_lanes: int) -> None:
     arguments = given.get("arguments") if isinstance(given, Mapping) and {"lanes", "steps"} <= given.keys() else None
     if not isinstance(arguments, Mapping) or "learning_rate" not in arguments:
         raise ValueError(f"hyperparameters must have lanes, steps and arguments with a learning_rate, got {given!r}")
+    check_choices("hyperparameters", tuple(given), ("lanes", "steps", "arguments", "reward", "tuned"))
     check_whole("hyperparameters.lanes", given["lanes"], low=1, high=most_lanes)
     check_whole("hyperparameters.steps", given["steps"], low=1)
     if "reward" in given:

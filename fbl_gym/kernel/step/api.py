@@ -85,27 +85,9 @@ def _load(block, rows, queue, settings, tables, width, substep, real, rare):
 
 
 @merged_njit
-def _end(block, rows, waypoints, settings, tables, memory, first, count, width, real, rare, accelerate):
-    """End the control step of a block, after its physics: clock, readings, reference and reward.
-
-    Write rewards and flags, and mark the lanes that start another episode now.
-    """
-    for lane in range(width):
-        block.step[lane] += _ONE
-    readings.sense(block, rows, settings, width, real, rare, accelerate)
-    update_reference(block, waypoints, settings, tables, width)
-    judge(block, settings, width)
+def _end_episodes(block, rows, waypoints, settings, tables, memory, first, count):
+    """Write rewards and flags, and mark the lanes that start another episode now."""
     flags = array_at(memory, settings.flags, (2, settings.lanes), np.uint8)
-    events = 0
-    for lane in range(count):
-        memory[settings.rewards + first + lane] = block.reward[lane]
-        flags[0, first + lane] = flags[1, first + lane] = 0
-    for lane in range(count):
-        events += (
-            (block.terminated[lane] != 0.0) | (block.truncated[lane] != 0.0) | (block.status[lane] != layout.RUNNING)
-        )
-    if events == 0:
-        return
     for lane in range(count):
         over = block.terminated[lane] + block.truncated[lane] != 0.0
         restarts = over and settings.autoreset == layout.SAME_STEP
@@ -125,13 +107,53 @@ def _end(block, rows, waypoints, settings, tables, memory, first, count, width, 
         flags[1, first + lane] = block.truncated[lane] != 0.0
 
 
-def _compile_step(name, real, rare, advance, accelerate):
-    """Return the step of a class of scenarios, without the code that only other classes use.
+@merged_njit
+def _end(block, rows, waypoints, settings, tables, memory, first, count, width, real, rare, accelerate):
+    """End the control step of a block, after its physics: clock, readings, reference and reward."""
+    for lane in range(width):
+        block.step[lane] += _ONE
+    readings.sense(block, rows, settings, width, real, rare, accelerate)
+    update_reference(block, waypoints, settings, tables, width)
+    judge(block, settings, width)
+    flags = array_at(memory, settings.flags, (2, settings.lanes), np.uint8)
+    events = 0
+    for lane in range(count):
+        memory[settings.rewards + first + lane] = block.reward[lane]
+        flags[0, first + lane] = flags[1, first + lane] = 0
+    for lane in range(count):
+        events += (
+            (block.terminated[lane] != 0.0) | (block.truncated[lane] != 0.0) | (block.status[lane] != layout.RUNNING)
+        )
+    if events > 0:
+        _end_episodes(block, rows, waypoints, settings, tables, memory, first, count)
+
+
+@merged_njit
+def _start(block, rows, queue, waypoints, settings, tables, width, real, rare):
+    """Start an episode in the lanes marked RESTART; return True if there are some."""
+    restarts = 0
+    for lane in range(width):
+        restarts += block.status[lane] == layout.RESTART
+    if restarts > 0:
+        for lane in range(width):
+            if block.status[lane] == layout.RESTART:
+                start(block, rows, queue, waypoints, settings, tables, lane)
+                if real:
+                    start_disturbance(block, settings, tables, lane)
+                if rare and settings.elastic:
+                    start_motors(block, settings, lane)
+                if rare and settings.flexible:
+                    start_bends(block, settings, lane)
+    return restarts > 0
+
+
+def _block_step(name, real, rare, advance, accelerate):
+    """Return the step of a block in a class of scenarios, without the code of other classes.
 
     `real`: there may be payloads, disturbances, dry friction and errors of the sensors. `rare`:
     also events, encoders and another engine.
     `advance` moves a block over a physics step, `accelerate` computes its acceleration. No other
-    class has the same `name`. Each step is compiled when it is first called.
+    class has the same `name`.
     """
 
     def step_lanes(memory, out, settings, moves, first, count, width):
@@ -143,26 +165,18 @@ def _compile_step(name, real, rare, advance, accelerate):
                 _load(block, rows, queue, settings, tables, width, substep, real, rare)
                 advance(block, settings, width)
             _end(block, rows, waypoints, settings, tables, memory, first, count, width, real, rare, accelerate)
-        restarts = 0
-        for lane in range(width):
-            restarts += block.status[lane] == layout.RESTART
-        if restarts > 0:
-            for lane in range(width):
-                if block.status[lane] == layout.RESTART:
-                    start(block, rows, queue, waypoints, settings, tables, lane)
-                    if real:
-                        start_disturbance(block, settings, tables, lane)
-                    if rare and settings.elastic:
-                        start_motors(block, settings, lane)
-                    if rare and settings.flexible:
-                        start_bends(block, settings, lane)
-        if restarts > 0 or not moves:
+        restarts = _start(block, rows, queue, waypoints, settings, tables, width, real, rare)
+        if restarts or not moves:
             readings.sense(block, rows, settings, width, real, rare, accelerate)
         size = settings.observation_size
         observations = array_at(out, first * size, (count, size), np.float64)
         readings.observe(block, rows, waypoints, settings, tables, observations, _ZERO, count)
 
-    step_lanes = merged_njit(named(step_lanes, name))
+    return merged_njit(named(step_lanes, name))
+
+
+def _batch_step(name, step_lanes):
+    """Return the step of a batch by that of its blocks. It is compiled when it is first called."""
 
     def step(memory, out, moves, begin, end):
         """Advance every lane by one control step; start an episode in lanes marked RESTART.
@@ -194,6 +208,12 @@ def _compile_step(name, real, rare, advance, accelerate):
         flags = array_at(memory, settings.flags, (2, lanes), np.uint8)
         return -1, memory[settings.rewards], flags[0, 0] != 0, flags[1, 0] != 0
 
+    return cached_njit(named(step, name))
+
+
+def _lane_step(name, step_lanes):
+    """Return the step of one lane by that of a block, not compiled."""
+
     def step_lane(memory, out, moves, lane):
         """Do as `step` to one lane, which is a thread of a GPU.
 
@@ -209,7 +229,7 @@ def _compile_step(name, real, rare, advance, accelerate):
                 moves = False
         step_lanes(memory, out, settings, moves, lane, 1, 1)
 
-    return cached_njit(named(step, name)), named(step_lane, name)
+    return named(step_lane, name)
 
 
 @cached_njit
@@ -305,16 +325,18 @@ def subtract_and_scale(observations, columns, out):
         scale_lane(observations, columns, out, results, len(observations) // lanes, lane)
 
 
-STEPS, LANE_STEPS = zip(
-    _compile_step("plain", False, False, advance_smoothly, readings.accelerate_smoothly),
-    _compile_step("real", True, False, advance_by_law, readings.accelerate_by_law),
-    _compile_step("rare", True, True, advance_by_law, readings.accelerate_by_law),
-    _compile_step("elastic", True, True, advance_elastic, readings.accelerate_elastic),
-    _compile_step("flexible", True, True, advance_flexible, readings.accelerate_flexible),
-    strict=True,
-)
-"""The steps of plain scenarios, of real ones, of those with rare options, of elastic joints, and of
-links that bend; and the same for one lane, not compiled yet."""
+_CLASSES = {
+    "plain": (False, False, advance_smoothly, readings.accelerate_smoothly),
+    "real": (True, False, advance_by_law, readings.accelerate_by_law),
+    "rare": (True, True, advance_by_law, readings.accelerate_by_law),
+    "elastic": (True, True, advance_elastic, readings.accelerate_elastic),
+    "flexible": (True, True, advance_flexible, readings.accelerate_flexible),
+}
+"""Plain scenarios, real ones, those with rare options, elastic joints, and links that bend."""
+
+_BLOCK_STEPS = {name: _block_step(name, *each) for name, each in _CLASSES.items()}
+STEPS = [_batch_step(name, step) for name, step in _BLOCK_STEPS.items()]
+LANE_STEPS = [_lane_step(name, step) for name, step in _BLOCK_STEPS.items()]
 
 _NEEDS = (
     (2, ("external_physics",)),
