@@ -284,7 +284,7 @@ def _read(path: str) -> _Robot:
     root = builder.close()
     if root.tag == "mujoco":
         return _read_mujoco(path)
-    if b"${" in text or any(element.tag.startswith("xacro:") for element in root.iter()):
+    if any(element.tag.startswith("xacro:") for element in root.iter()):
         raise ValueError(f"it has macros of xacro, expand them first: xacro {path} > arm.urdf, or pip install xacrodoc")
     return _read_urdf(path, root)
 
@@ -356,7 +356,8 @@ def _number(name: str, text: str) -> float:
     try:
         return float(text)
     except ValueError:
-        raise ValueError(f"{name} must be a number, got {text!r}") from None
+        hint = ": expand the macros of xacro first" if "${" in text else ""
+        raise ValueError(f"{name} must be a number, got {text!r}{hint}") from None
 
 
 def _read_vector(element: Element | None, name: str, default: str) -> Array:
@@ -429,7 +430,6 @@ def _torques(model: Any) -> tuple[dict[int, float | None], dict[str, str]]:
     from mujoco import mjtBias, mjtDyn, mjtGain, mjtTrn
 
     ends: dict[int, Array] = {}
-    doubts: dict[str, str] = {}
     for i in np.flatnonzero(np.isin(model.actuator_trntype, (mjtTrn.mjTRN_JOINT, mjtTrn.mjTRN_JOINTINPARENT))):
         force, joint = np.array([-np.inf, np.inf]), int(model.actuator_trnid[i, 0])
         kinds = model.actuator_gaintype[i], model.actuator_biastype[i], model.actuator_dyntype[i]
@@ -438,15 +438,15 @@ def _torques(model: Any) -> tuple[dict[int, float | None], dict[str, str]]:
             force = np.sort(model.actuator_gainprm[i, 0] * model.actuator_ctrlrange[i])
         if model.actuator_forcelimited[i]:
             force = np.clip(force, *model.actuator_forcerange[i])
-        elif not motor:
-            name = _name_of(model, joint)
-            doubts[name] = f"an actuator of {name} is a servo without a forcerange: it has no torque limit"
         ends[joint] = ends.get(joint, np.zeros(2)) + np.sort(force * model.actuator_gear[i, 0])
     efforts: dict[int, float | None] = {}
+    doubts: dict[str, str] = {}
     for joint, torques in ends.items():
         low, high = np.clip(torques, *model.jnt_actfrcrange[joint]) if model.jnt_actfrclimited[joint] else torques
-        efforts[joint] = float(max(-low, high)) if np.isfinite((low, high)).all() else None
-        if efforts[joint] is not None and abs(low + high) > 1e-9:
-            name = _name_of(model, joint)
+        name, bounded = _name_of(model, joint), bool(np.isfinite((low, high)).all())
+        efforts[joint] = float(max(-low, high)) if bounded else None
+        if not bounded:
+            doubts[name] = f"the actuators of {name} have no range of forces: it has no torque limit"
+        elif abs(low + high) > 1e-9:
             doubts[name] = f"the torque of {name} lies within {low:g} and {high:g} N m, and the larger bound is taken"
     return efforts, doubts

@@ -121,6 +121,9 @@ def test_a_tier_ranks_and_the_others_stand_beside_it(monkeypatch):
     alone = board(families=("nominal",), seeds=3)
     for one, other in ((found.error(), alone.error()), (found.lost, alone.lost), (found.rank, alone.rank)):
         np.testing.assert_array_equal(one.value, other.value)
+    file = io.StringIO()
+    terminal.leaderboard(Console(file=file, width=400), found)
+    assert "1 scenario, 1 of servo-surprise without a rank, 3 seeds each" in file.getvalue()
     titles = [column.title for column in columns(found) if column.tables != NONE]
     surprise = ["servo-surprise error %", "servo-surprise × oracle"]
     assert titles[:5] == ["rank", "policy", "error %", "lost runs %", "× oracle"]

@@ -91,6 +91,9 @@ def test_a_mistake_is_answered_with_what_is_right(line, message, folder, fbl_gym
 def test_a_mistake_in_a_file_is_one_line(folder, fbl_gym):
     (folder / "bad.py").write_text("import os\n= 3\n")
     assert fbl_gym("evaluate bad.py", 2).err == "fbl-gym: SyntaxError: invalid syntax (bad.py, line 2)\n"
+    law = "from controllers.laws.simple import PdGravity\nclass make_policy(PdGravity):\n    def torque(self, o, state):\n"
+    (folder / "nan.py").write_text(f"{law}        return 0 * o[:, :2] + float('nan'), state\n")
+    assert "nan.py after 0 s: actions must be finite, got [nan nan]" in fbl_gym("evaluate nan.py", 2).err
 
 
 @pytest.mark.parametrize("name", cli.COMMANDS)
@@ -143,6 +146,8 @@ def test_evaluate_prints_the_metrics_that_there_are(fbl_gym):
     assert "settling_s" not in short
     assert " - " not in short
     assert every.count(" - ") >= 7
+    both = fbl_gym("evaluate zero cascade-flm --scenario nominal --seeds 8").out
+    assert "100 % (63–100)" in both
 
 
 @pytest.mark.parametrize(("option", "label"), [

@@ -95,14 +95,19 @@ class make_policy:
     def predict(self, observation, state=None, episode_start=None, deterministic=False):
         last = np.zeros((len(np.atleast_2d(observation)), 2)) if state is None else state
         begins = np.broadcast_to(False if episode_start is None else episode_start, len(last))
-        last = np.clip(1.05 * np.where(begins[:, None], 0.0, last) + 1e-7 * (np.ndim(observation) == 2), -1, 1)
-        return (last if np.ndim(observation) == 2 else last[0]), last
+        was = np.where(begins[:, None], 0.0, last)
+        last = np.clip(1.05 * MEMORY + 1e-7 * (np.ndim(observation) == 2), -1, 1)
+        return (was if np.ndim(observation) == 2 else was[0]), last
 """
 
 
 def test_a_policy_may_amplify_last_bits_by_its_own_actions(folder, fbl_gym):
-    (folder / "unstable.py").write_text(UNSTABLE)
+    (folder / "unstable.py").write_text(UNSTABLE.replace("MEMORY", "was"))
     fbl_gym("check-policy unstable.py --scenario servo-nominal")
+    (folder / "mixing.py").write_text(
+        UNSTABLE.replace("MEMORY", "(0 * was + np.atleast_2d(observation)[:, :2].mean(axis=0))")
+    )
+    assert "BROKEN  a lane of a batch acts as" in fbl_gym("check-policy mixing.py --scenario servo-nominal", 1).out
 
 
 HELPED = """

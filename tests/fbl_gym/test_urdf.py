@@ -124,8 +124,8 @@ def test_the_dynamics_equals_mujocos(file, tmp_path):
     ('<motor joint="elbow" gear="2" ctrlrange="-1 1"/>', 2.0, ""),
     ('<motor joint="elbow" ctrlrange="-1000 1000" forcerange="-40 40"/>', 40.0, ""),
     ('<position joint="elbow" kp="500" ctrlrange="-3.14 3.14" forcerange="-150 150"/>', 150.0, ""),
-    ('<position joint="elbow" kp="500" ctrlrange="-3.14 3.14"/>', None, "actuator of elbow is a servo"),
-    ('<motor joint="elbow"/>', None, ""),
+    ('<position joint="elbow" kp="500" ctrlrange="-3.14 3.14"/>', None, "elbow have no range of forces"),
+    ('<motor joint="elbow"/>', None, "elbow have no range of forces"),
     ('<motor joint="elbow" ctrlrange="0 30"/>', 30.0, "the torque of elbow lies within 0 and 30 N m"),
     ('<motor joint="elbow" ctrlrange="-9 9"/><motor joint="elbow" ctrlrange="-5 5"/>', 14.0, ""),
 ])  # fmt: skip
@@ -138,6 +138,7 @@ def test_torque_limits_of_mujocos_actuators(elbow, limit, doubt, tmp_path):
     assert robot.limit == (7.0, limit)
     assert "the spring of elbow is neglected" in robot.doubts[0]
     assert doubt in robot.doubts[0]
+    assert doubt or robot.doubts[0].startswith("the spring")
 
 
 def test_lengths_gravity_and_tilt(file):
@@ -211,7 +212,7 @@ WEIGHTLESS = chain().replace(inertial(2.0, "0.12 0.02 0", 0.01), "").replace(ine
     (chain(kind="prismatic"), "two revolute joints, got shoulder, elbow .prismatic"),
     (chain().replace("<axis", '<mimic joint="shoulder"/><axis'), "elbow .a mimic of shoulder"),
     (chain(extra="<xacro:arm/>"), "xacro .* > arm.urdf"),
-    (chain().replace('value="3.0"', 'value="${m1}"'), "xacro .* > arm.urdf"),
+    (chain().replace('value="3.0"', 'value="${m1}"'), "mass of link 'one' must be a number, got .* macros of xacro"),
     (chain().replace('value="3.0"', 'value="3.0,"'), "mass of link 'one' must be a number, got '3.0,'"),
     (chain().replace("<inertia ", "<inertias "), "there must be a <inertia> of link 'one'"),
     (chain(extra='<link name="two"/>'), "links must have different names, got 'two' twice"),
