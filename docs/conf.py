@@ -14,7 +14,7 @@ from myst_parser.parsers.sphinx_ import MystParser
 
 from benchmarks.cli import COMMANDS, prepare
 from benchmarks.cli.list import options
-from fbl_gym import TwoLinkArmEnv, __version__
+from fbl_gym import TwoLinkArmEnv, TwoLinkArmTrackingEnv, __version__
 
 
 def options_page() -> str:
@@ -177,6 +177,7 @@ myst_enable_extensions = ["dollarmath", "amsmath", "substitution"]
 os.environ["COLUMNS"] = "100"  # of the commands' help
 myst_substitutions = {
     "datasheet": inspect.getdoc(TwoLinkArmEnv),  # the docstring is in Markdown, as Gymnasium's are
+    "tracking": inspect.getdoc(TwoLinkArmTrackingEnv).partition("\nArgs:")[0],
     "commands": "\n".join(f"## {name}\n\n```text\n{prepare(name)[0].format_help()}```\n" for name in COMMANDS),
 }
 myst_heading_anchors = 3

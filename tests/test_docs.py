@@ -175,7 +175,8 @@ SHORTER = {
     "range(10, 14)": "range(1)", "trial in range(400)": "trial in range(4)", '-practice", (1, 3))': '-practice", (3,))[:1]',
     '"computed-torque-dob", "sliding-mode", "lqg"': "", "0 1 2 3 4 5 6 7 8 9": "0 1", "--minutes 0.667": "",
     "--trials 10": "--trials 2", "board_coverage 512": "board_coverage 2", "30,25,20,15,10": "30,10",
-    " direct-practice geared-practice": "", "seeds=16": "seeds=2", "seeds=8": "seeds=2", "4096, 500": "16, 5",
+    " direct-practice geared-practice": "", " servo-practice-everything-3 direct-practice-noise-3": "",
+    "range(32), gains": "range(2), gains", "seeds=16": "seeds=2", "seeds=8": "seeds=2", "4096, 500": "16, 5",
     "(0.0, 0.005, 0.01, 0.015, 0.02)": "(0.0, 0.01)", "in_tier(tier, severities)": "in_tier(tier, severities)[:1]",
 }  # fmt: skip
 """What makes the code of a page and of an example short."""
@@ -303,7 +304,9 @@ def test_a_page_runs(page):
 
 
 EXAMPLES = {path.stem: path.read_text() for path in sorted((ROOT / "examples").glob("*.py"))}
-ELSEWHERE = {"swing_up", "train_sb3", "run_on_robot", "priced_ppo", "class_speed"}
+ELSEWHERE = {
+    "swing_up", "train_sb3", "run_on_robot", "priced_ppo", "class_speed", "returns", "few_trainings", "option_ratio",
+}  # fmt: skip
 """Examples that pages run, and `controllers/test_runner.py`."""
 
 ARGUMENTS = {
