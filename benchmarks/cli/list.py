@@ -72,7 +72,7 @@ def _claims() -> dict[str, str]:
 LISTS: dict[str, Callable[[], Mapping[str, str]]] = {
     "policies": lambda: {name: _policy(name) for name in controllers.names()},
     "scenarios": _scenarios,
-    "suites": lambda: {name: suite.meaning for name, suite in SUITES.items()},
+    "suites": lambda: SUITES,
     "claims": _claims,
     "options": lambda: _lines(options()),
     "gains": _gains,

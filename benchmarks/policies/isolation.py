@@ -35,7 +35,6 @@ import numpy as np
 
 from benchmarks.text import reason_of, say, text_of
 from fbl_gym.records.checks import check_number
-from fbl_gym.records.record import set_fields
 
 with contextlib.suppress(ImportError):  # Windows
     import resource
@@ -59,7 +58,7 @@ class CallLimits:
     gigabytes: float | None = None
 
     def __post_init__(self) -> None:
-        set_fields(self, seconds=check_number("cell-timeout", self.seconds, above=0, high=threading.TIMEOUT_MAX))
+        check_number("cell-timeout", self.seconds, above=0, high=threading.TIMEOUT_MAX)
         if self.gigabytes is not None:
             check_number("cell-memory", self.gigabytes, above=0, high=1e6)
             if not sys.platform.startswith("linux"):
@@ -88,6 +87,8 @@ def run_isolated(function: Callable[..., Answer], *arguments: Any, limits: CallL
         request.seek(0)
         try:
             status = _call((request, answer, prints), limits.seconds)
+        except (TimeoutError, subprocess.TimeoutExpired):
+            raise Failed(f"it took longer than {limits.seconds:g} s, see leaderboard --cell-timeout") from None
         finally:
             prints.seek(0)
             if text := prints.read(MOST_PRINTED):
@@ -123,14 +124,11 @@ _ARRAYS = {
 def _call(files: Sequence[IO[bytes]], seconds: float) -> int:
     """Run a call in a new process; return the process's exit status.
 
-    The files are for its request, its answer and its prints.
+    The files are for its request, its answer and its prints. The error of a call that takes longer
+    is a `TimeoutError`, or `subprocess.TimeoutExpired` on Windows.
     """
-    late = Failed(f"it took longer than {seconds:g} s, see leaderboard --cell-timeout")
     if os.name != "posix":
-        try:
-            return subprocess.call(_command(""), stdin=files[0], stdout=files[1], stderr=files[2], timeout=seconds)
-        except subprocess.TimeoutExpired:
-            raise late from None
+        return subprocess.call(_command(""), stdin=files[0], stdout=files[1], stderr=files[2], timeout=seconds)
     with _SERVING:
         server, process = _server()
         call, status = 0, b""
@@ -140,9 +138,7 @@ def _call(files: Sequence[IO[bytes]], seconds: float) -> int:
             call = int.from_bytes(server.recv(4), "little")
             server.settimeout(min(seconds, 1e6))
             status = server.recv(4)
-        except TimeoutError:
-            raise late from None
-        finally:  # also after Ctrl-C
+        finally:  # also after Ctrl-C, and where it takes too long
             if not status:
                 _end(server, process, call)
         return int.from_bytes(status, "little")

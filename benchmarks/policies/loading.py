@@ -34,15 +34,17 @@ class Untrusted(NotFound):
     """Loading a file would run code that nobody has vouched for."""
 
 
-def entry_module(name: PolicyName) -> str:
-    """Return the module by which another package registers a policy; empty: there is none."""
-    point = registry.external().get(name.source) if name.form == "name" else None
+def outside_module(name: PolicyName) -> str:
+    """Return the module that is named, or by which another package registers a policy; or ""."""
+    if name.form != "name":
+        return name.source if name.form == "module" else ""
+    point = registry.external().get(name.source)
     return "" if point is None or point.module.partition(".")[0] in PACKAGES else point.module
 
 
 def is_code(name: PolicyName) -> bool:
     """Return True if the name means code from outside fbl-gym that runs when it is loaded."""
-    return name.form in ("file", "module") or entry_module(name) != ""
+    return name.form == "file" or outside_module(name) != ""
 
 
 def load(name: PolicyName) -> Callable[..., Any]:
@@ -91,7 +93,7 @@ def _registered(name: PolicyName) -> Callable[..., Any]:
     registry.check_name(name)
     if name.seed is not None and name.seed not in shipped().get(name.source, ()):
         raise unknown("policy", str(name), registry.names())
-    with _outside_code(Path.cwd()) if entry_module(name) else contextlib.nullcontext():
+    with _outside_code(Path.cwd()) if outside_module(name) else contextlib.nullcontext():
         return registry.factory(name)
 
 

@@ -11,16 +11,16 @@ import math
 import os
 import sys
 from collections.abc import Callable, Iterable, Mapping
-from dataclasses import asdict, dataclass, field, fields, replace
+from dataclasses import asdict, dataclass, field, replace
 from glob import glob
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeAlias
 
 import numpy as np
 
 from benchmarks.policies import key
 from benchmarks.policies.isolation import Answer, CallLimits, Failed, run_isolated
-from benchmarks.policies.loading import FILE_MODULE, IMPORTED, NotFound, entry_module, is_code, load
+from benchmarks.policies.loading import FILE_MODULE, IMPORTED, NotFound, is_code, load, outside_module
 from controllers import registry
 from controllers.base import ACCESS
 from controllers.name import PolicyName
@@ -105,15 +105,19 @@ class PolicySpec:
         Raises:
             Changed: the policy in this process is not the one that was resolved.
         """
-        self.check()
         return build(self.parsed, self.factory(), env, **gains)
 
-    def check(self) -> None:
-        """Raise `Changed` unless code and data are those of the specification."""
+    def factory(self) -> Callable[..., Any]:
+        """Return the class or function that makes the policy from the interface and gains.
+
+        Raises:
+            Changed: code or data are not those of the specification.
+        """
         was = {"shared code": self.shared, **self.code, **self.data}
         now = {"shared code": key.shared(), **key.digests(self.files)}
         if changed := [name or self.parsed.source for name in was if was[name] != now.get(name)]:
             raise Changed(f"{' and '.join(changed)} of {self.name} changed since it was resolved; run it again")
+        return load(self.parsed)
 
     def call(self, function: Callable[..., Answer], *arguments: Any, limits: CallLimits | None = None) -> Answer:
         """Call a function that makes the policy; in a fresh process, if external code may run.
@@ -127,10 +131,6 @@ class PolicySpec:
         isolated = code or IMPORTED or limits not in (None, CallLimits())
         return run_isolated(function, *arguments, limits=limits) if isolated else function(*arguments)
 
-    def factory(self) -> Callable[..., Any]:
-        """Return the class or function that makes the policy from the interface and gains."""
-        return load(self.parsed)
-
     @property
     def covered(self) -> set[str]:
         """The files that its key covers, with those of its gains and of the laws that it uses."""
@@ -139,7 +139,8 @@ class PolicySpec:
 
     def to_dict(self) -> dict[str, Any]:
         """Return the specification as plain data; its name is a text."""
-        data = {name: value for name, value in asdict(self).items() if name not in ("files", "rows")}
+        here = {"files", "rows"}  # of this machine, and of a board
+        data = {name: value for name, value in asdict(self).items() if name not in here}
         return {**data, "parsed": str(self.parsed)}
 
     @classmethod
@@ -150,8 +151,7 @@ class PolicySpec:
             ValueError: its kind or access is unknown.
         """
         lists = {name: tuple(data[name]) for name in ("needs", "packages")}
-        given = {**data, **lists, "parsed": PolicyName.parse(data["parsed"], "a result")}
-        spec = cls(**{field.name: given[field.name] for field in fields(cls) if field.name in given})
+        spec = cls(**{**data, **lists, "parsed": PolicyName.parse(data["parsed"], "a result")})
         check_choice("kind", spec.kind, registry.KINDS)
         check_choice("access", spec.access, ACCESS)
         return spec
@@ -169,9 +169,11 @@ def names() -> tuple[str, ...]:
     return (*registry.names(), *registry.tuned())
 
 
-def resolve(
-    policy: str | PolicyName | PolicySpec, limits: CallLimits | None = None, *, trust: bool = False
-) -> PolicySpec:
+PolicyLike: TypeAlias = PolicySpec | PolicyName | str
+"""A policy: its specification, its name, or its text."""
+
+
+def resolve(policy: PolicyLike, limits: CallLimits | None = None, *, trust: bool = False) -> PolicySpec:
     """Return the specification of a policy; code from outside fbl-gym is loaded in a fresh process.
 
     Args:
@@ -215,12 +217,12 @@ def _resolved(name: PolicyName) -> PolicySpec:
     try:
         factory = load(name)
         gains = {gain: np.asarray(value).tolist() for gain, value in name.given_gains.items()}
-        spec = _declared(replace(spec, gains=gains), factory)
+        spec = replace(spec, gains=gains, **_declared(name, factory))
         uses = [*getattr(factory, "uses", ())]
         if is_code(name) or name.gains:
             with contextlib.suppress(*(() if name.gains else (Exception, SystemExit))):
                 uses += getattr(build(name, factory, _example(spec)), "uses", ())
-        return _with_hashes(spec, factory, uses, before)
+        return replace(spec, **_files(spec, factory, before), uses=_uses(name, uses))
     except BadDeclaration as problem:
         return replace(spec, problem=str(problem))
     except (Exception, SystemExit) as problem:
@@ -229,13 +231,10 @@ def _resolved(name: PolicyName) -> PolicySpec:
         return spec
 
 
-def _declared(spec: PolicySpec, factory: Callable[..., Any]) -> PolicySpec:
-    """Return the specification with all that a factory declares but code and files."""
-    name = spec.parsed
-    if name.form == "name":
-        kind, summary = registry.kind(name), registry.summary(name)
-    else:
-        kind, summary = getattr(factory, "kind", "classical"), (factory.__doc__ or "").strip().split("\n")[0]
+def _declared(name: PolicyName, factory: Callable[..., Any]) -> dict[str, Any]:
+    """Return the fields of a specification that a factory declares, but code and files."""
+    known = name if name.form == "name" else factory
+    kind = registry.kind(name) if known is name else getattr(factory, "kind", "classical")
     tuning = "given gains" if name.gains else "tuned" if name.tuned else "default gains"
     lists = {what: getattr(factory, what, ()) for what in ("needs", "packages", "data_files", "uses")}
     try:
@@ -243,36 +242,35 @@ def _declared(spec: PolicySpec, factory: Callable[..., Any]) -> PolicySpec:
         for what, given in lists.items():
             if isinstance(given, str) or not all(isinstance(item, str | os.PathLike) for item in given):
                 raise ValueError(f"{what} of {name} must be a list of text, got {given!r}")
-        return replace(
-            spec,
-            kind=check_choice(f"kind of {name}", kind, registry.KINDS),
-            access=registry.access(name if name.form == "name" else factory),
-            needs=tuple(lists["needs"]),
-            packages=tuple(lists["packages"]),
-            preview=check_number(f"preview of {name}", getattr(factory, "preview", 0.0), low=0, high=100),
-            tuning="trained" if kind == "learned" else tuning,
-            summary=summary,
-            tuned={robot: registry.tuned_gains(name, robot) for robot in name.tuned_files},
-        )
+        return {
+            "kind": check_choice(f"kind of {name}", kind, registry.KINDS),
+            "access": registry.access(known),
+            "needs": tuple(lists["needs"]),
+            "packages": tuple(lists["packages"]),
+            "preview": check_number(f"preview of {name}", getattr(factory, "preview", 0.0), low=0, high=100),
+            "tuning": "trained" if kind == "learned" else tuning,
+            "summary": registry.summary(name) if known is name else (factory.__doc__ or "").strip().split("\n")[0],
+            "tuned": {robot: registry.tuned_gains(name, robot) for robot in name.tuned_files},
+        }
     except (ValueError, TypeError) as problem:
         raise BadDeclaration(str(problem)) from problem
 
 
-def _with_hashes(spec: PolicySpec, factory: Any, uses: Iterable[str], before: set[str]) -> PolicySpec:
-    """Return the specification with the hashes of code, data and laws.
+def _files(spec: PolicySpec, factory: Any, before: set[str]) -> dict[str, Any]:
+    """Return the fields of a specification on code, data files, and installed packages.
 
     Args:
         spec: without them.
         factory: of the policy.
-        uses: names of the laws that it declares.
         before: names of the modules that were there before the factory.
     """
     name, law = spec.parsed, getattr(factory, "_law", factory)
     modules: dict[str, Path] = {}
-    own = entry_module(name) or (name.source if name.form == "module" else "")
+    packages = dict.fromkeys(spec.packages)
+    own = outside_module(name)
     if is_code(name):
-        modules, packages = key.loaded_since(before, own.partition(".")[0])
-        spec = replace(spec, packages=tuple(dict.fromkeys((*spec.packages, *sorted(packages)))))
+        modules, installed = key.loaded_since(before, own.partition(".")[0])
+        packages |= dict.fromkeys(sorted(installed))
     bases = {cls.__module__ for cls in getattr(law, "__mro__", (law,)) if cls.__module__ in sys.modules}
     modules |= key.law_modules(sys.modules[module] for module in {*modules, *bases})
     modules = {"" if module.startswith(FILE_MODULE) else module: file for module, file in modules.items()}
@@ -281,10 +279,8 @@ def _with_hashes(spec: PolicySpec, factory: Any, uses: Iterable[str], before: se
     folder = {"file": modules.get(""), "archive": Path(name.source), "folder": Path(name.source, "agent.json")}
     home = Path(folder.get(name.form) or str(sys.modules[own or law.__module__].__file__)).resolve().parent
     data = _data_files(spec, getattr(factory, "data_files", ()), home)
-    return replace(
-        spec, code=key.digests(modules), data=key.digests(data), uses=_uses(name, uses),
-        files={file: str(path) for file, path in {**modules, **data}.items()},
-    )  # fmt: skip
+    files = {file: str(path) for file, path in (modules | data).items()}
+    return {"code": key.digests(modules), "data": key.digests(data), "files": files, "packages": tuple(packages)}
 
 
 def _data_files(spec: PolicySpec, patterns: Iterable[str | os.PathLike[str]], home: Path) -> dict[str, Path]:

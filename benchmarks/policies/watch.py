@@ -10,27 +10,24 @@ import importlib.util
 import os
 import re
 import sys
-from collections.abc import Iterable
 from pathlib import Path
 from types import FrameType
 from typing import Any
 
 from benchmarks.policies.key import LAWS, place
+from benchmarks.policies.spec import PolicySpec
 from fbl_gym.neighbours import ROOT
 
 VARIABLE = "environ"
 
-FILE = {"open": 0, "import": 1, "ctypes.dlopen": 0, "sqlite3.connect": 0, VARIABLE: 0}
-"""Events of a file or a variable, each with the position of its name among the arguments."""
-
 DIRECT = ("ctypes.dlopen", VARIABLE)
 """Events that only count where the policy's code itself asks."""
 
-OTHERS = dict.fromkeys(
-    ("os.exec", "os.fork", "os.posix_spawn", "os.spawn", "os.startfile", "os.system", "subprocess.Popen"),
-    "starts a process",
-) | dict.fromkeys(("socket.bind", "socket.connect", "socket.getaddrinfo", "socket.gethostbyname"), "uses the network")
+PROCESS = ("os.exec", "os.fork", "os.posix_spawn", "os.spawn", "os.startfile", "os.system", "subprocess.Popen")
+NETWORK = ("socket.bind", "socket.connect", "socket.getaddrinfo", "socket.gethostbyname")
 """Events that no key can cover."""
+
+EVENTS = {"open", "import", "sqlite3.connect", *DIRECT, *PROCESS, *NETWORK}
 
 _SYSTEM = ("/dev/", "/etc/", "/lib", "/proc/", "/sys/", "/usr/")
 
@@ -39,18 +36,18 @@ class Watch:
     """A context that notes what the policies in it depend on beside their key.
 
     Args:
-        files: those of the key.
-        home: folder of the policy's code.
+        policy: the one that runs in it. Its key covers its files.
 
     Attributes:
         seen: a line for each thing, which says how to declare it.
     """
 
-    def __init__(self, files: Iterable[str], home: Path) -> None:
+    def __init__(self, policy: PolicySpec) -> None:
         self.seen: dict[str, None] = {}
+        self._home = Path(next(iter(policy.files.values()), ".")).parent
         # Warnings and tracebacks read the sources of modules that are loaded.
         loaded = {str(getattr(module, "__file__", None)) for module in [*sys.modules.values()]}
-        self._free, self._home = {*files, *(file for file in loaded if place(file) == "")}, home
+        self._free = policy.covered | {file for file in loaded if place(file) == ""}
         # The policy of an installed package: its folder in site-packages is not free for it.
         installed = (re.match(r".*[/\\](site|dist)-packages[/\\][^/\\]+", file) for file in self._free)
         self._own = tuple(match[0] for match in installed if match and place(match.string) == "installed")
@@ -67,10 +64,12 @@ class Watch:
         """Note an event, if code of the policy causes it."""
         if not self._is_cause(frame, event in DIRECT):
             return
-        given = None if event in OTHERS else arguments[FILE[event]]
-        if event in OTHERS:
-            self.seen[f"it {OTHERS[event]}, and no key follows the answer"] = None
-        elif event == VARIABLE:
+        if event in (*PROCESS, *NETWORK):
+            what = "starts a process" if event in PROCESS else "uses the network"
+            self.seen[f"it {what}, and no key follows the answer"] = None
+            return
+        given = arguments[1 if event == "import" else 0]
+        if event == VARIABLE:
             self.seen[f"it reads the environment variable {given}: make that a gain"] = None
         elif event == "ctypes.dlopen" and not os.path.dirname(os.fspath(given or "")):
             self.seen["it calls a library of the system by ctypes, which may read files unseen"] = None
@@ -112,7 +111,7 @@ _WATCHES: list[Watch] = []
 
 
 def _hook(event: str, arguments: tuple[Any, ...], depth: int = 1) -> None:
-    if _WATCHES and (event in FILE or event in OTHERS):
+    if _WATCHES and event in EVENTS:
         for watch in _WATCHES:
             watch.note(event, arguments, sys._getframe(depth))
 

@@ -39,14 +39,12 @@ class Cell:
     @cached_property
     def identity(self) -> dict[str, Any]:
         """All that the cell's numbers depend on, as plain data."""
-        policy = self.policy.identity
         robot = self.policy.parsed.robot_of(self.scenario.robot_class)
-        return {
-            **policy,
-            "tuned": policy["tuned"].get(robot, {}),
+        return self.policy.identity | {
+            "tuned": self.policy.tuned.get(robot, {}),
             "scenario": plain_options(self.scenario, "description"),
             "seeds": list(self.seeds),
-            **({"packages": versions(self.packages)} if self.packages else {}),
+            "packages": versions(self.packages),
         }
 
     @property

@@ -10,7 +10,6 @@ import os
 import traceback
 from collections.abc import Callable, Iterator, Sequence
 from functools import cached_property
-from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -52,7 +51,7 @@ class Broken(AssertionError):
 def check(policy: PolicySpec | str, scenario: Scenario | str = "everything-2") -> Iterator[Check]:
     """Check each promise of a policy in turn."""
     spec, task = resolve(policy), as_scenario(scenario)
-    with watch(spec) as seen:
+    with Watch(spec) as seen:
         trial = _Trial(spec, task, seen)
         for promise, test in _PROMISES.items():
             try:
@@ -69,11 +68,6 @@ def broken(policy: PolicySpec, scenario: Scenario) -> str:
     first = next((one for one in checks if not one.kept), None)
     # The run raises an error again.
     return "" if first is None or first.failed else f"breaks a promise ({first.promise}): {first.detail}"
-
-
-def watch(policy: PolicySpec) -> Watch:
-    """Return a context that notes what a policy depends on beside its key."""
-    return Watch(policy.covered, Path(next(iter(policy.files.values()), ".")).parent)
 
 
 def _position(policy: PolicySpec, problem: BaseException) -> str:
@@ -111,14 +105,12 @@ class _Trial:
 
     @cached_property
     def factory(self) -> Callable[..., Any]:
-        self.policy.check()
         return self.policy.factory()
 
-    def env(self, lanes: int | None, action: str | None = None, **changes: Any) -> Any:
-        return make_env(self.policy, self.scenario.replace(**changes), lanes, action)
-
-    def make(self, env: Any) -> Any:
-        return build(self.policy.parsed, self.factory, env)
+    def actor(self, lanes: int | None, action: str | None = None, **changes: Any) -> tuple[Any, Any]:
+        """Return the policy, newly made, and its environment."""
+        env = make_env(self.policy, self.scenario.replace(**changes), lanes, action)
+        return build(self.policy.parsed, self.factory, env), env
 
     @cached_property
     def log(self) -> list[tuple[Array, Array, Any]]:
@@ -126,17 +118,17 @@ class _Trial:
         dt = self.scenario.control_dt
         last = max((ends(event.time)[1] for event in self.scenario.events), default=0.0)
         steps = min(self.scenario.steps, max(LEAST_STEPS, math.ceil((max(last, 0.5) + AFTER) / dt)))
-        env = self.env(ARMS)
-        return _loop(self.make(env), env, steps, SEED)
+        return _loop(*self.actor(ARMS), steps, SEED)
 
     @np.errstate(invalid="ignore")  # a state may be infinite
-    def distance(self, actor: Any, env: Any, lanes: int | Sequence[int]) -> float:
-        """Return the largest distance of an actor's actions from those of lanes of the episode.
+    def distance(self, lanes: int | Sequence[int]) -> float:
+        """Return the largest distance of a new actor's actions from those of lanes of the episode.
 
         It gets the readings of the episode, and before each step the lanes' state of then: a closed
         loop would amplify the last bits, in which a batch may differ. Its next state counts like
         its action. Its environment repeats the actions, as an oracle looks into it.
         """
+        actor, env = self.actor(None if isinstance(lanes, int) else len(lanes))
         env.reset(seed=SEED + lanes if isinstance(lanes, int) else [SEED + lane for lane in lanes])
         worst, state = 0.0, None
         for observations, actions, after in self.log:
@@ -172,7 +164,8 @@ def _made_from_the_interface(trial: _Trial) -> str:
     _expect(not policy.problem, policy.problem)
     if not policy.ranked:
         return "no: it knows the truth, so the board shows it without a rank"
-    return f"{type(trial.make(trial.env(1).interface)).__name__}, access: {policy.access}"
+    interface = make_env(policy, trial.scenario, 1).interface
+    return f"{type(build(policy.parsed, trial.factory, interface)).__name__}, access: {policy.access}"
 
 
 def _shapes(trial: _Trial) -> str:
@@ -180,24 +173,22 @@ def _shapes(trial: _Trial) -> str:
     own = trial.policy.kind == "learned" and trial.policy.external  # it may know only the actions of its training
     kinds = (usual,) if own else dict.fromkeys((usual, "torque", "acceleration"))
     for action in kinds:
-        env, single = trial.env(ARMS, action), trial.env(None, action)
+        actor, env = trial.actor(ARMS, action)
         box = env.interface.action_space
-        for _, actions, _ in _loop(trial.make(env), env):
+        for _, actions, _ in _loop(actor, env):
             shape = np.shape(actions)
             _expect(shape == (ARMS, 2), f"got shape {shape} for {ARMS} observations ({action})")
             _expect(np.isfinite(actions).all(), f"got {actions} ({action})")
             rounded = np.asarray(actions, box.dtype)  # as a torque limit is
             _expect(((rounded >= box.low) & (rounded <= box.high)).all(), f"got {actions}, outside the box ({action})")
-        for _, one, _ in _loop(trial.make(single), single, 3):
+        for _, one, _ in _loop(*trial.actor(None, action), 3):
             _expect(np.shape(one) == (2,), f"got shape {np.shape(one)} for one observation ({action})")
     return f"{', '.join(kinds)}, single and batched"
 
 
 def _lanes(trial: _Trial) -> str:
-    worst = 0.0
-    for lanes in (ARMS - 1, [*range(ARMS)][::-1], [0, 1]):  # alone, in another order, and in a smaller batch
-        env = trial.env(None if isinstance(lanes, int) else len(lanes))
-        worst = max(worst, trial.distance(trial.make(env), env, lanes))
+    some: tuple[int | list[int], ...] = (ARMS - 1, [*range(ARMS)][::-1], [0, 1])  # alone, reordered, in a smaller batch
+    worst = max(map(trial.distance, some))
     _expect(worst < LAST_BITS, f"actions differ by up to {worst:.2g}")
     return f"actions differ by at most {worst:.1e}"
 
@@ -205,8 +196,7 @@ def _lanes(trial: _Trial) -> str:
 def _resets(trial: _Trial) -> str:
     if not trial.policy.ranked:
         return "not checked: it reads the environment"
-    env = trial.env(3)
-    actor = trial.make(env)
+    actor, env = trial.actor(3)
     _, _, old = _loop(actor, env)[-1]
     observation, _ = env.reset(seed=5)
     some = np.array([False, True, False])
@@ -219,16 +209,14 @@ def _resets(trial: _Trial) -> str:
 
 
 def _pure(trial: _Trial) -> str:
-    env = trial.env(2)
-    actor = trial.make(env)
+    actor, env = trial.actor(2)
     observation, _, state = _loop(actor, env)[-1]
     before = _copies((observation, state))
     one, two = (_act(actor, observation, state)[0] for _ in range(2))
     _expect(np.array_equal(one, two), "the same arguments gave two different actions")
     same = (np.array_equal(a, b) for a, b in zip(before, _copies((observation, state)), strict=True))
     _expect(all(same), "it changed the observation or the state that it was given")
-    env = trial.env(ARMS)
-    _expect(trial.distance(trial.make(env), env, [*range(ARMS)]) == 0.0, "the same episode gave two different numbers")
+    _expect(trial.distance([*range(ARMS)]) == 0.0, "the same episode gave two different numbers")
     return "the same twice"
 
 
@@ -239,11 +227,11 @@ def _copies(state: Any) -> list[Array]:
 def _blind(trial: _Trial) -> str:
     if not trial.policy.ranked:
         return "no: it knows the truth"
-    env, *others = (trial.env(1, parameter_error=ratio) for ratio in (1.0, 0.9, 1.1))
-    actors = [trial.make(other) for other in others]
+    env = make_env(trial.policy, trial.scenario.replace(parameter_error=1.0), 1)
+    (one, _), (two, _) = (trial.actor(1, parameter_error=ratio) for ratio in (0.9, 1.1))
     state = None
-    for observation, action, _ in _loop(actors[0], env):
-        other, state = _act(actors[1], observation, state)
+    for observation, action, _ in _loop(one, env):
+        other, state = _act(two, observation, state)
         _expect(np.array_equal(action, other), "two arms with one model and the same readings got other actions")
     return "the same readings gave the same actions"
 

@@ -7,18 +7,17 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from benchmarks.policies.spec import PolicySpec, resolve
+from benchmarks.policies.spec import PolicyLike, resolve
 from benchmarks.run.metrics import measure
 from benchmarks.run.rollout import rollout
 from benchmarks.seeds import SPLITS
-from controllers.name import PolicyName
 from fbl_gym import Scenario
 from fbl_gym.records.checks import check_whole
 from fbl_gym.scenarios import as_scenario
 
 
 def evaluate(
-    policy: str | PolicyName | PolicySpec, scenario: Scenario | str | Path = "nominal", seeds: int | Sequence[int] = 16, *,
+    policy: PolicyLike, scenario: Scenario | str | Path = "nominal", seeds: int | Sequence[int] = 16, *,
     trust: bool = False, **gains: Any,
 ) -> pd.DataFrame:  # fmt: skip
     """Run one episode for each seed, and return the metrics of each run.

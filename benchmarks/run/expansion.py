@@ -11,10 +11,9 @@ import numpy as np
 from benchmarks.agents.policy import best_seed, shipped
 from benchmarks.policies.isolation import CallLimits
 from benchmarks.policies.key import data_digest
-from benchmarks.policies.spec import PolicySpec, resolve
+from benchmarks.policies.spec import PolicyLike, PolicySpec, resolve
 from benchmarks.run.cell import plain_options
 from benchmarks.text import reason_of
-from controllers.name import PolicyName
 from fbl_gym import Scenario, scenarios
 from fbl_gym.reading import read_bytes
 from fbl_gym.records.checks import Pair, unknown
@@ -34,7 +33,7 @@ def training(folder: Path) -> tuple[str, int]:
 
 
 def members(
-    policies: Iterable[PolicySpec | PolicyName | str], limits: CallLimits | None = None, *, short: bool = False
+    policies: Iterable[PolicyLike], limits: CallLimits | None = None, *, short: bool = False
 ) -> tuple[PolicySpec, ...]:
     """Return the members of a board's policies, each with its rows.
 

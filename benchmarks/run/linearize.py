@@ -7,7 +7,7 @@ signals and its state to a torque and its next state; its derivatives are differ
 
 import dataclasses
 import math
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -19,7 +19,6 @@ from benchmarks.run.metrics import MARGINS
 from benchmarks.run.rollout import make_env, reference_motion
 from controllers.base import leaves, map_state, where_lanes
 from controllers.oracles.true_arm import TrueArm
-from fbl_gym import scenarios
 from fbl_gym.interface import Interface
 from fbl_gym.kernel.batch import Truth
 from fbl_gym.model.arm import Array
@@ -131,8 +130,7 @@ Margins take longer than the runs of a short board, which has 8 seeds.
 
 def has_margins(policy: PolicySpec, scenario: Scenario, seeds: Sequence[int]) -> bool:
     """Return True if a result has margins: of a ranked policy in a board's nominal scenario."""
-    member = scenarios.member(scenario.name)
-    nominal = member is not None and member.family == "nominal" and member.tier in CLASSES
+    nominal = scenario.name.partition("@")[0] in [f"{robot}-nominal" for robot in CLASSES]
     return nominal and policy.ranked and len(seeds) >= LEAST_SEEDS
 
 
@@ -144,12 +142,12 @@ def margin_metrics(
     A loop that is unstable without dry friction has no margin; one that cannot be linearised is
     NaN.
     """
-    rows = []
+    rows, dt = [], scenario.control_dt
     for loop in linearize_all(policy, scenario, POINT, seeds, **gains):
         numbers = [math.nan] * 4
         try:
             if not isinstance(loop, NotLinear):
-                found, dt = loop.margins(), scenario.control_dt
+                found = loop.margins()
                 numbers = [min(found.phase), found.delay / dt, min(found.gain_upper), max(found.sensitivity)]
         except Unstable:
             numbers = [0.0, 0.0, 1.0, math.inf]
@@ -191,9 +189,8 @@ def _run(
     motion = reference_motion(scenario, seeds[:1])[0, ::every, 0]
     share = np.minimum(np.linspace(0.0, 1.5, 75), 1.0)[:, None]
     last = motion[-1] + (np.array(point) - motion[-1]) * share**3 * (10.0 - 15.0 * share + 6.0 * share**2)
-    rows, dt = np.concatenate([motion, last]), every * scenario.control_dt
-    reference = ArrayReference(position=tuple(map(tuple, rows)), dt=dt)
-    scenario = scenario.replace(reference=reference, duration=len(rows) * dt)
+    reference = ArrayReference(position=np.concatenate([motion, last]).tolist(), dt=every * scenario.control_dt)
+    scenario = scenario.replace(reference=reference, duration=len(reference.position) * reference.dt)
     env, state, squares, lost = make_env(spec, scenario, len(seeds)), None, [], np.zeros(len(seeds), dtype=bool)
     actor, (observation, _) = spec.make(env, **gains), env.reset(seed=[*seeds])
     for _ in range(scenario.steps - 1):
@@ -207,8 +204,8 @@ def _run(
 
 def _rest(
     env: Any, actor: Any, seeds: Sequence[int], last: Array, learned: Any, lost: Array
-) -> Iterator[tuple[Array, Any, Truth]]:
-    """Yield observation [size], the policy's state and the true state at rest of each arm.
+) -> list[tuple[Array, Any, Truth]]:
+    """Return observation [size], the policy's state and the true state at rest of each arm.
 
     An arm that does not come to rest has the `last` observation and what is `learned`. A policy
     that `lost` its arm begins anew.
@@ -218,34 +215,31 @@ def _rest(
         last = np.where(lost[:, None], observation, last)
         fresh = None if lost.all() else actor.predict(observation, deterministic=True)[1]
         learned = None if fresh is None else where_lanes(lost, fresh, learned)
-    dt, state, lost = env.scenario.control_dt, learned, np.zeros(len(seeds), dtype=bool)
-    points = {i: (last[i], _lane(learned, i), _lane_of(env.truth, i)) for i in range(len(seeds))}
-    moving, before = {*points}, np.full(len(seeds), np.inf)
+    dt, state = env.scenario.control_dt, learned
+    points = [_of_lane(i, last, learned, env.truth) for i in range(len(seeds))]
+    moving, before = np.ones(len(seeds), dtype=bool), np.full(len(seeds), np.inf)
     for k in range(round(SETTLING / dt)):
         action, state = actor.predict(observation, state=state, deterministic=True)
         observation, _, terminated, _, _ = env.step(action)
-        lost = lost | terminated
+        moving &= ~terminated
         if (k + 1) % round(1.0 / dt) == 0:
             truth = env.truth
             speeds = np.abs(np.concatenate([truth.velocity, truth.acceleration], axis=1)).max(axis=1)
-            for i in moving & {*np.flatnonzero(speeds < 1e-6).tolist()} - {*np.flatnonzero(lost).tolist()}:
-                points[i] = observation[i], _lane(state, i), _lane_of(truth, i)
-                moving.remove(i)
+            for i in np.flatnonzero(moving & (speeds < 1e-6)).tolist():
+                points[i] = _of_lane(i, observation, state, truth)
             # An arm that loses so little of its speed in a second does not come to rest in time.
-            lost = lost | (speeds > 1e-3) & (speeds > 0.7 * before)
+            moving &= (speeds >= 1e-6) & ((speeds <= 1e-3) | (speeds <= 0.7 * before))
             before = speeds
-        if lost[[*moving]].all():
+        if not moving.any():
             break
-    yield from points.values()
+    return points
 
 
-def _lane(state: Any, lane: int) -> Any:
-    """Return a lane's part of a policy's state, as that of one lane."""
-    return None if state is None else map_state(lambda part: np.asarray(part)[lane : lane + 1], state)
-
-
-def _lane_of(truth: Truth, lane: int) -> Truth:
-    return dataclasses.replace(truth, **{name: value[lane : lane + 1] for name, value in vars(truth).items()})
+def _of_lane(lane: int, observation: Array, state: Any, truth: Truth) -> tuple[Array, Any, Truth]:
+    """Return a lane's observation [size], and its state and truth as those of one lane."""
+    one = slice(lane, lane + 1)
+    state = None if state is None else map_state(lambda part: np.asarray(part)[one], state)
+    return observation[lane], state, Truth(**{name: value[one] for name, value in vars(truth).items()})
 
 
 def _calm(scenario: Scenario, spec: PolicySpec) -> Scenario:
@@ -256,13 +250,11 @@ def _calm(scenario: Scenario, spec: PolicySpec) -> Scenario:
     if error is not None and isinstance(error.payload, Payload):
         error = dataclasses.replace(error, payload=dataclasses.replace(error.payload, pick_up=0.0, drop=None))
     friction = None if scenario.friction is None else Friction(viscous=scenario.friction.viscous)
-    calm: dict[str, Any] = {"noise": None, "disturbance": None, "constraints": None, "events": ()}
     # Small motions stay within the limits, but the steps of a difference quotient may not.
     # The actions of an agent are shares of the limits.
-    limit = drive.torque_limit
-    if limit is not None and spec.kind == "classical":
-        limit = scaled(limit, 10.0)
+    limit = drive.torque_limit and scaled(drive.torque_limit, 10.0 if spec.kind == "classical" else 1.0)
     drive = dataclasses.replace(drive, ripple=0.0, torque_limit=limit)
+    calm: dict[str, Any] = {"noise": None, "disturbance": None, "constraints": None, "events": ()}
     return scenario.replace(parameter_error=error, friction=friction, encoder=encoder, actuator=drive, **calm)
 
 
@@ -277,8 +269,7 @@ def _loop(
     encoder = scenario.encoder or Encoder()
     slots = {slot: np.arange(layout.size)[layout[slot]] for slot in MEASURED if slot in layout}
     entries = np.concatenate([*slots.values()])
-    step, point = _law(actor, interface, observation, entries, state)
-    m = len(entries)
+    (step, point), m = _law(actor, interface, observation, entries, state), len(entries)
     slope, kinks = _derivative(step, point)
     part = next((x for x in FINER if kinks.any() and not _derivative(step, point, x)[1].any()), 1.0)
     if part < 1.0:

@@ -4,7 +4,9 @@ A diverged run counts: from the sample at which it ended on, the error of both j
 turn, the largest error of any sample. No policy gains by diverging.
 """
 
+import tomllib
 from collections.abc import Mapping, Sequence
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -36,36 +38,7 @@ when it stays near that level for HOLD seconds."""
 NEAR, LEAST_LEVEL = 1.5, 1e-3
 """Near is within NEAR times the level before, which is at least LEAST_LEVEL [rad]."""
 
-METRICS: dict[str, str] = {
-    "error_pct": "mean absolute tracking error, both joints, in % of the reference's amplitude: half its range",
-    "error_mrad": "mean absolute tracking error, both joints [mrad]",
-    "rms_mrad": "root mean square tracking error, both joints [mrad]",
-    "max_mrad": "worst case: largest absolute tracking error of either joint [mrad]",
-    "iae": "integral of the absolute error, mean of both joints [rad s]",
-    "itae": "integral of the absolute error times the time, mean of both joints [rad s^2]",
-    "ise": "integral of the squared error, mean of both joints [rad^2 s]",
-    "steady_1_pct": "mean absolute error of link 1 while the reference rests, in % of its amplitude",
-    "steady_2_pct": "mean absolute error of link 2 while the reference rests, in % of its amplitude",
-    "overshoot_pct": "largest overshoot beyond a step of the reference, in % of the step (step references only)",
-    "settling_s": "mean 2 % settling time of the steps [s] (step references only); the whole period if it never settles",
-    "rise_s": "mean time of the steps from 10 to 90 % [s] (step references only); the whole period if 90 % is never reached",
-    "energy_J": "mechanical work of the drives, both joints, without recovery: a brake costs as much as a push [J]",
-    "torque_rms": "root mean square torque, both joints [N m]",
-    "variation": "total variation of the torque per second, both joints [N m/s]",
-    "saturated_pct": "share of samples in which a joint's torque command is at its limit [%]",
-    "violation_pct": "share of samples beyond the constraints, with those after a run diverged [%] (constraints only)",
-    "recovery_rad_s": "area of the error above its level before an event, mean of the events [rad s] (events only)",
-    "recovery_s": "time until the error is back after an event, mean of the events [s]; the time until the next event or "
-    "the end if it never is (events only)",
-    "unrecovered_pct": "share of the events after which the error is never back [%] (events only)",
-    "phase_deg": "phase margin, the worse joint [degrees] (the nominal scenario of a board only, and its first arms)",
-    "delay_samples": "delay margin of both torques [control samples] (likewise)",
-    "gain_margin": "largest factor of a joint's torque that leaves the loop stable (likewise)",
-    "sensitivity": "largest peak of the sensitivity |S| (likewise)",
-    "diverged": "1 where the run diverged, else 0",
-    "baseline_error_pct": "error_pct of the motionless baseline",
-    "resolution_pct": "error_pct of one count of the encoder; no smaller error counts on a board",
-}
+METRICS: dict[str, str] = tomllib.loads(Path(__file__).with_suffix(".toml").read_text(encoding="utf-8"))
 """Name and meaning of each metric, in the order of the columns."""
 
 MARGINS = ("phase_deg", "delay_samples", "gain_margin", "sensitivity")
@@ -173,8 +146,8 @@ def penalize(errors: ArrayLike, diverged: ArrayLike) -> Array:
     return np.asarray(errors) * 2.0 ** (100 * np.asarray(diverged))
 
 
-def _recovery(trace: Trace, error: Array) -> tuple[Array, Array, Array]:
-    """Return area, time back and unrecovered share of each run's events, [n] each.
+def _recovery(trace: Trace, error: Array) -> Array:
+    """Return area, time back and unrecovered share of each run's events [3 x n].
 
     They are NaN for a run without events, or that diverged.
     """
@@ -195,7 +168,7 @@ def _recovery(trace: Trace, error: Array) -> tuple[Array, Array, Array]:
             events.append((dt * np.maximum(after - level, 0.0).sum(), dt * time, not backs.size))
         if events:
             results[:, lane] = np.mean(events, axis=0)
-    return results[0], results[1], results[2]
+    return results
 
 
 def _steady(trace: Trace, error: Array) -> Array:
@@ -205,26 +178,23 @@ def _steady(trace: Trace, error: Array) -> Array:
     steady = np.full(error.shape[1:], np.nan)
     for lane in range(error.shape[1]):
         for joint in (0, 1):
-            padded = np.concatenate([[False], still[:, lane, joint], [False]]).astype(int)
-            begins, ends = np.flatnonzero(np.diff(padded) == 1), np.flatnonzero(np.diff(padded) == -1)
-            rests = [(i, j) for i, j in zip(begins, ends, strict=True) if (j - i) * dt > REST - 1e-9]
-            last = [error[j - (j - i) // 4 + 1 : j + 1, lane, joint] for i, j in rests]
-            if last:
+            edges = np.flatnonzero(np.diff(still[:, lane, joint], prepend=False, append=False))
+            rests = [(i, j) for i, j in edges.reshape(-1, 2) if (j - i) * dt > REST - 1e-9]
+            if last := [error[j - (j - i) // 4 + 1 : j + 1, lane, joint] for i, j in rests]:
                 steady[lane, joint] = np.concatenate(last).mean()
     return steady
 
 
-def _steps(trace: Trace) -> tuple[Array, Array, Array]:
-    """Return the largest overshoot in % of its step, mean settling and rise time [n] s, or NaN."""
-    reference = trace.scenario.reference
-    none = np.full(len(trace.seeds), np.nan)
-    if not isinstance(reference, Steps | FilteredSteps):
-        return none, none, none
-    dt = trace.scenario.control_dt
-    period = round(reference.period / dt)
+def _steps(trace: Trace) -> Array:
+    """Return the largest overshoot in % of its step, mean settling and rise time [3 x n], or NaN.
+
+    The times are in s.
+    """
+    reference, dt = trace.scenario.reference, trace.scenario.control_dt
+    period = round(reference.period / dt) if isinstance(reference, Steps | FilteredSteps) else len(trace.time)
     starts = np.arange(0, len(trace.time) - period, period)
     if not starts.size:
-        return none, none, none
+        return np.full((3, len(trace.seeds)), np.nan)
     # Arrays of all steps, [steps x samples x n x 2] and without the samples.
     samples = starts[:, None] + np.arange(period)
     targets, alive = trace.reference[starts + period - 1], trace.alive[samples][..., None]
@@ -239,7 +209,7 @@ def _steps(trace: Trace) -> tuple[Array, Array, Array]:
     times = np.where(moved[:, None], dt * np.stack([settling, rise], axis=1), np.nan)
     counts = np.isfinite(times).sum(axis=(0, 3))
     means = np.where(counts > 0, np.nansum(times, axis=(0, 3)) / np.maximum(counts, 1), np.nan)
-    return np.minimum(100 * overshoot, 1e3), means[0], means[1]
+    return np.stack([np.minimum(100 * overshoot, 1e3), *means])
 
 
 def summarize(rows: list[dict[str, float]]) -> dict[str, float]:

@@ -116,12 +116,10 @@ def rollout_trials(
     state: Any = None
     traces = []
     for trial in range(trials):
-        alive = np.ones((steps + 1, n), dtype=bool)
-        waits = np.empty(steps)
-        watched: dict[str, list[Array]] = {name: [] for name in watch or {}}
+        alive, waits = np.ones((steps + 1, n), dtype=bool), np.empty(steps)
         starts, ended = np.ones(n, dtype=bool), np.zeros(n, dtype=bool)
         observation, _ = env.reset(seed=list(seeds) if trial == 0 else None)
-        samples = [env.true_signals()]
+        samples, watched = [env.true_signals()], []
         details = [_details(env, observation, ())] if detailed else []
         lengths, event_times = np.array(env.truth.lengths), env.truth.event_times
         for k in range(steps):
@@ -138,25 +136,26 @@ def rollout_trials(
             samples.append(env.true_signals())
             if detailed:
                 details.append(_details(env, observation, state))
-            for name, signal in (watch or {}).items():
-                watched[name].append(signal(env, actor, state))
-        signals = {name.removeprefix("applied_"): np.array([row[name] for row in samples]) for name in samples[0]}
+            watched.append({name: signal(env, actor, state) for name, signal in (watch or {}).items()})
+        signals = {name.removeprefix("applied_"): signal for name, signal in _stacked(samples).items()}
         # The statistics of a lane that diverged need the reference to the end of its episode, and
         # the lane's next episode has another one.
         if not alive.all():
             signals["reference"] = reference_motion(scenario, seeds)[0]
+        if detailed:
+            details[0] = {name: np.full_like(last, np.nan) for name, last in details[-1].items()} | details[0]
         traces.append(Trace(
             scenario=scenario, seeds=tuple(seeds), time=scenario.control_dt * np.arange(steps + 1.0), alive=alive,
             decision_time=float(np.median(waits)) / n, lengths=lengths, event_times=event_times,
-            watched={name: np.array(rows) for name, rows in watched.items()},
-            details={
-                name: np.array([row.get(name, np.full_like(last, np.nan)) for row in details])
-                for name, last in (details[-1] if detailed else {}).items()
-            },
-            **signals,
+            watched=_stacked(watched), details=_stacked(details), **signals,
         ))  # fmt: skip
     env.close()
     return traces
+
+
+def _stacked(rows: Sequence[Mapping[str, Array]]) -> dict[str, Array]:
+    """Return the signals of some samples as arrays, by name."""
+    return {name: np.array([row[name] for row in rows]) for name in (rows[-1] if rows else ())}
 
 
 def reference_motion(scenario: Scenario, seeds: Sequence[int]) -> Array:
@@ -167,16 +166,14 @@ def reference_motion(scenario: Scenario, seeds: Sequence[int]) -> Array:
     names = ("reference", "control_dt", "physics_dt", "duration", "drawn_per")
     kept: dict[str, Any] = {name: getattr(scenario, name) for name in names}
     limits, drive = Limits(position=1e9, velocity=1e9), Actuator(torque_limit=None)
-    calm = Scenario("calm", limits=limits, actuator=drive, **kept)
-    env = TwoLinkArmVectorEnv(len(seeds), calm, action="torque")
+    env = TwoLinkArmVectorEnv(len(seeds), Scenario("calm", limits=limits, actuator=drive, **kept), action="torque")
     env.reset(seed=list(seeds))
-    motion = np.empty((3, scenario.steps + 1, len(seeds), 2))
-    for k in range(scenario.steps + 1):
+    motion = []
+    for _ in range(scenario.steps + 1):
         truth = env.truth
-        motion[:, k] = truth.reference, truth.reference_velocity, truth.reference_acceleration
-        if k < scenario.steps:
-            env.step(np.zeros((len(seeds), 2)))
-    return motion
+        motion.append((truth.reference, truth.reference_velocity, truth.reference_acceleration))
+        env.step(np.zeros((len(seeds), 2)))
+    return np.stack(motion, axis=1)
 
 
 def _details(env: TwoLinkArmVectorEnv, observation: Array, state: Any) -> dict[str, Array]:

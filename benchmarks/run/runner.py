@@ -3,6 +3,7 @@
 A finished cell is in the store, which this process alone writes.
 """
 
+import contextlib
 import functools
 import os
 from collections.abc import Iterator, Sequence
@@ -13,8 +14,9 @@ from threadpoolctl import threadpool_limits
 
 from benchmarks.policies.isolation import CallLimits, Failed, run_parallel
 from benchmarks.policies.spec import PolicySpec
+from benchmarks.policies.watch import Watch
 from benchmarks.run.cell import Cell
-from benchmarks.run.contract import broken, watch
+from benchmarks.run.contract import broken
 from benchmarks.run.linearize import ARMS, has_margins, margin_metrics
 from benchmarks.run.metrics import measure
 from benchmarks.run.rollout import Trace, rollout_trials
@@ -37,12 +39,9 @@ def run(
         command: the command that was typed, for the record.
         limits: of the time and memory of a cell; None: those of external policies.
     """
-    absent = []
-    for cell in cells:
-        if (stored := store.find(cell)) is None:
-            absent.append(cell)
-        else:
-            yield "found", stored
+    stored = [(cell, store.find(cell)) for cell in cells]
+    yield from (("found", result) for _, result in stored if result is not None)
+    absent = [cell for cell, result in stored if result is None]
     work = functools.partial(_run_in, os.getcwd(), command, limits)
     for cell, answer in run_parallel(work, absent, min(workers, len(absent))):
         result = Result.failure(cell, str(answer), command) if isinstance(answer, Failed) else answer
@@ -73,22 +72,15 @@ def run_cell(cell: Cell, command: str = "", limits: CallLimits | None = None) ->
         (trace,) = run_trials(cell.policy, cell.scenario, cell.seeds, 1, limits, check=True)
         rows = measure(trace)
         if has_margins(cell.policy, cell.scenario, cell.seeds):
-            for row, margins in zip(rows, _margins(cell, limits), strict=False):
-                row |= margins
+            # The code of an external policy may fail there: then its result has no margins.
+            with contextlib.suppress(*((Exception, SystemExit) if cell.policy.external else ())):
+                few = cell.policy, cell.scenario, cell.seeds[:ARMS]
+                for row, margins in zip(rows, cell.policy.call(margin_metrics, *few, limits=limits), strict=False):
+                    row |= margins
     except (Exception, SystemExit) as problem:  # a policy may raise anything, and other cells must not suffer
         error = str(problem) if isinstance(problem, Failed) else reason_of(problem)
         return Result.failure(cell, error, command)
     return Result(cell, tuple(rows), 1e6 * trace.decision_time, provenance=provenance(command, cell.packages))
-
-
-def _margins(cell: Cell, limits: CallLimits | None) -> list[dict[str, float]]:
-    """Return the margins of the first arms; none, if the code of an external policy fails."""
-    try:
-        return cell.policy.call(margin_metrics, cell.policy, cell.scenario, cell.seeds[:ARMS], limits=limits)
-    except (Exception, SystemExit):
-        if not cell.policy.external:
-            raise
-        return []
 
 
 def run_trials(
@@ -117,7 +109,7 @@ def _traces(
     with threadpool_limits(1):
         if check and (reason := broken(policy, scenario)):
             raise Failed(reason)
-        with watch(policy) as seen:
+        with Watch(policy) as seen:
             traces = [*map(vars, rollout_trials(policy, scenario, seeds, trials, detailed=detailed))]
         if check and seen.seen:
             raise Failed("; ".join(seen.seen))

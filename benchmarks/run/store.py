@@ -22,7 +22,7 @@ from pathlib import Path
 from typing import Any
 
 from benchmarks.files import write_text
-from benchmarks.policies.key import data_digest
+from benchmarks.policies.key import PINNED, data_digest
 from benchmarks.policies.spec import PolicySpec
 from benchmarks.run.cell import Cell, versions
 from benchmarks.run.metrics import METRICS
@@ -34,8 +34,6 @@ FORMAT = 6
 
 The names in METRICS are part of the layout. Files of another layout are left alone and not read.
 """
-
-PACKAGES = ("fbl-gym", "gymnasium", "numpy", "scipy", "numba")
 
 
 class Damaged(ValueError):
@@ -71,11 +69,11 @@ class Result:
 
 
 def provenance(command: str, packages: tuple[str, ...] = ()) -> dict[str, Any]:
-    """Return Python, machine, time, the command that was typed, and `PACKAGES` with some more."""
+    """Return Python, machine, time, the command that was typed, and the versions of packages."""
     return {
         "command": command,
         "python": platform.python_version(),
-        "packages": versions((*PACKAGES, *packages)),
+        "packages": versions(("fbl-gym", *PINNED, *packages)),
         "machine": f"{platform.node()}, {platform.machine()} {platform.system()}, {os.cpu_count()} cores",
         "time": datetime.datetime.now(datetime.UTC).isoformat(timespec="seconds"),
     }
@@ -102,10 +100,8 @@ class Store:
             if place.is_dir() and not place.is_symlink():  # no file can replace a folder
                 place.rename(place.with_suffix(f".moved-{uuid.uuid4().hex}"))
         text = json.dumps(_document(result), separators=(",", ":"), allow_nan=False) + "\n"
-        if result.error:
-            write_text(failed, text)
-        else:
-            write_text(path, text)
+        write_text(failed if result.error else path, text)
+        if not result.error:
             failed.unlink(missing_ok=True)
         return path
 
@@ -119,9 +115,7 @@ class Store:
 
     def results(self) -> Iterator[Result]:
         """Yield every result, in the order of the files' names; a damaged one has a warning."""
-        for path in self.files():
-            if (result := self._read(path)) is not None:
-                yield result
+        yield from filter(None, map(self._read, self.files()))
 
     def files(self) -> list[Path]:
         """Return the files of the results, sorted."""
@@ -163,8 +157,7 @@ class Store:
             if cell.key != document["key"]:
                 raise ValueError(f"it holds the result {document['id']} with the key {document['key']}, not {cell.key}")
             columns = document["rows"]
-            if set(columns) != set(METRICS):
-                others = ", ".join(sorted(set(columns) ^ set(METRICS)))
+            if others := ", ".join(sorted(set(columns) ^ set(METRICS))):
                 raise OtherFormat(f"{path} has other metrics than this version of fbl-gym (they differ in {others})")
             error = str(document["error"])
             numbers = [map(_number, columns[name]) for name in METRICS]

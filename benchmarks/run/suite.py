@@ -1,20 +1,20 @@
 """Suites as data: which policies on which scenarios with how many seeds."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
 from typing import Any
 
 import controllers
 from benchmarks.policies.isolation import CallLimits
-from benchmarks.policies.spec import PolicySpec, names, resolve
+from benchmarks.policies.spec import PolicyLike, names, resolve
 from benchmarks.run.cell import Cell
 from benchmarks.run.expansion import distinguish, expand, members
 from benchmarks.seeds import SPLITS
 from controllers.name import PolicyName
 from fbl_gym import Scenario, scenarios
-from fbl_gym.records.checks import check_choice, check_whole, unknown
+from fbl_gym.records.checks import check_choice, check_whole
 from fbl_gym.records.record import set_fields
 from fbl_gym.scenarios.classes import CLASSES
 from fbl_gym.scenarios.files import from_table, read_toml
@@ -36,7 +36,7 @@ class Suite:
     """
 
     name: str
-    policies: tuple[PolicySpec | PolicyName | str, ...]
+    policies: tuple[PolicyLike, ...]
     scenarios: tuple[Scenario, ...]
     seeds: int
 
@@ -53,56 +53,32 @@ class Suite:
         return [Cell(policy, task, seeds) for task in self.scenarios for policy in policies]
 
 
-PAPER = ("pid-flm", "cascade-flm", "robust-flm", "adaptive-flm")
-"""The paper's controllers. They appear as printed, too, where they have tuned gains."""
-
-
 @dataclass(frozen=True)
 class SuiteSpec:
     """A suite as data. Nothing is built before `build`.
 
     Args:
         name: of the suite.
-        meaning: one line.
-        tiers: severities of the families of each tier.
-        without: laws and agents that are left out of all policies, the tuned ones too.
-        policies: their names; empty: all, tuned where they can be.
-        tasks: further scenarios, and names of scenarios, families and files.
+        policies: their names.
+        tasks: scenarios, and names of scenarios, families and files.
         seeds: how many of the test seeds.
-        robot: class of robots with whose gains laws are tuned.
         short: names of the scenarios of its short form.
     """
 
     name: str
-    meaning: str = ""
-    tiers: Mapping[str, tuple[int, ...]] = field(default_factory=dict)
-    without: tuple[str, ...] = ()
-    policies: tuple[PolicyName, ...] = ()
-    tasks: tuple[Any, ...] = ()
+    policies: tuple[str | PolicyName, ...]
+    tasks: tuple[Any, ...]
     seeds: int = 32
-    robot: str = "servo"
     short: tuple[str, ...] = ()
 
     @property
-    def policy_names(self) -> tuple[str | PolicyName, ...]:
-        """The names of its policies, or the texts of them."""
-        tuned = {PolicyName.parse(name).law for name in controllers.tuned(self.robot)}
-        return self.policies or tuple(
-            name for name in names()
-            if (law := PolicyName.parse(name)).source not in self.without
-            and (law.law in tuned if law.tuned else name in PAPER or name not in tuned)
-        )  # fmt: skip
-
-    @property
     def scenarios(self) -> tuple[Scenario, ...]:
-        """The scenarios of its tiers, and its tasks."""
-        members = [name for tier, severities in self.tiers.items() for name in scenarios.in_tier(tier, severities)]
-        return expand([*members, *self.tasks])
+        """The scenarios of its tasks."""
+        return expand(self.tasks)
 
     def build(
-        self, policies: Sequence[PolicySpec | PolicyName | str] = (), tasks: Sequence[str | Mapping[str, Any] | Scenario] = (),
-        seeds: int | None = None, *, short: bool = False, more: Sequence[PolicySpec | PolicyName | str] = (),
-        limits: CallLimits | None = None,
+        self, policies: Sequence[PolicyLike] = (), tasks: Sequence[str | Mapping[str, Any] | Scenario] = (),
+        seeds: int | None = None, *, short: bool = False, more: Sequence[PolicyLike] = (), limits: CallLimits | None = None,
     ) -> Suite:  # fmt: skip
         """Return the suite of a board: with the `members` of its policies.
 
@@ -116,7 +92,7 @@ class SuiteSpec:
         """
         chosen = expand(tasks or (self.short if short else ())) or self.scenarios
         seeds = SHORT_SEEDS if short and seeds is None else seeds
-        specs = members((*(policies or self.policy_names), *more), limits, short=short)
+        specs = members((*(policies or self.policies), *more), limits, short=short)
         return Suite(self.name, specs, chosen, self.seeds if seeds is None else seeds)
 
 
@@ -129,26 +105,31 @@ NEEDS_ACCELERATION = ("crossq", "sac", "td3", "tqc")
 OTHER_TASKS = ("computed-torque-ilc", "swing-up")
 """Laws for repeated trials, and for another goal than the reference."""
 
-_PLANNED = "oracle-planned"  # it only differs from oracle-elastic where drives reach their limits
+PAPER = ("pid-flm", "cascade-flm", "robust-flm", "adaptive-flm")
+"""The paper's controllers. They appear as printed, too, where they have tuned gains."""
 
-SUITES: dict[str, SuiteSpec] = {
-    spec.name: spec
-    for spec in (
-        *(
-            SuiteSpec(
-                robot, f"{kind.text}; every policy, tuned where it can be, severity 2 and surprise, 32 seeds",
-                {robot: (2,), f"{robot}-surprise": (2,)},
-                (*OTHER_TASKS, _PLANNED, *NEEDS_ACCELERATION),
-                robot=robot, short=(f"{robot}-nominal", f"{robot}-everything-2", f"{robot}-surprise-payload"),
-            )
-            for robot, kind in CLASSES.items()
-        ),
-        SuiteSpec(
-            "ideal", "every policy, tuned where it can be, on the paper's assumptions at severity 2, 32 seeds",
-            {"ideal": (2,)}, (*OTHER_TASKS, _PLANNED),
-        ),
-    )
-}  # fmt: skip
+SUITES = {
+    robot: f"{kind.text}; every policy, tuned where it can be, severity 2 and surprise, 32 seeds"
+    for robot, kind in CLASSES.items()
+} | {"ideal": "every policy, tuned where it can be, on the paper's assumptions at severity 2, 32 seeds"}
+"""The built-in suites, each with one line on it."""
+
+
+def _built_in(name: str) -> SuiteSpec:
+    """Return one of `SUITES`; that of a class of robots has the class's tuned gains."""
+    of_class = name in CLASSES
+    # oracle-planned only differs from oracle-elastic where drives reach their limits.
+    without = (*OTHER_TASKS, "oracle-planned", *(NEEDS_ACCELERATION if of_class else ()))
+    tuned = {PolicyName.parse(each).law for each in controllers.tuned(name if of_class else "servo")}
+    policies = tuple(
+        each for each in names()
+        if (law := PolicyName.parse(each)).source not in without
+        and (law.law in tuned if law.tuned else each in PAPER or each not in tuned)
+    )  # fmt: skip
+    tiers = (name, f"{name}-surprise") if of_class else (name,)
+    tasks = tuple(task for tier in tiers for task in scenarios.in_tier(tier, (2,)))
+    short = tuple(f"{name}-{family}" for family in ("nominal", "everything-2", "surprise-payload"))
+    return SuiteSpec(name, policies, tasks, short=short if of_class else ())
 
 
 def load(name: str, trust: bool = False) -> SuiteSpec:
@@ -162,13 +143,10 @@ def load(name: str, trust: bool = False) -> SuiteSpec:
     """
     path = Path(name)
     if path.suffix != ".toml":
-        if name not in SUITES:
-            raise unknown("suite", name, SUITES)
-        return SUITES[name]
+        return _built_in(check_choice("suite", name, SUITES))
     data = read_toml(path)
-    entries = ("policies", "scenarios", "seeds")
     for key in data:
-        check_choice(f"entry of {path}", key, entries)
+        check_choice(f"entry of {path}", key, ("policies", "scenarios", "seeds"))
     policies, tasks = data.get("policies", [*names()]), data.get("scenarios", list(scenarios.in_tier("ideal")))
     if not policies or not isinstance(policies, list) or not all(isinstance(policy, str) for policy in policies):
         raise ValueError(f"policies of {path} must be a list of names, got {policies!r}; without it, all are meant")
@@ -179,4 +157,4 @@ def load(name: str, trust: bool = False) -> SuiteSpec:
         from_table(task, path) if isinstance(task, dict) else str(path.parent / task) if split_file(task)[0] else task
         for task in tasks
     )
-    return SuiteSpec(path.stem, policies=given, tasks=built, seeds=data.get("seeds", 64))
+    return SuiteSpec(path.stem, given, built, data.get("seeds", 64))

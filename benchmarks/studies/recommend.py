@@ -90,14 +90,13 @@ class Likeness:
         """Return the likeness of a scenario's arm."""
         fast, friction, joint = ("servo", "direct"), base.friction, base.joint
         sides: tuple[str, ...] = fast
-        reasons = [f"{1 / base.control_dt:.0f} Hz"]
-        if joint is None:
-            reasons.append("rigid joints")
-        else:
+        reasons = [f"{1 / base.control_dt:.0f} Hz", "rigid joints"]
+        if joint is not None:
             rate = joint.springs(base.arm, lambda k: ends(k)[0])[1].min()
             sides = fast if rate > SPRINGY else ("geared",) if joint.encoder == "motor" else ("servo",)
-            reasons.append(f"springs of {rate:.2g} Hz with encoders on the {joint.encoder}s")
-        reasons += ["links that bend"] if base.link is not None else []
+            reasons[1] = f"springs of {rate:.2g} Hz with encoders on the {joint.encoder}s"
+        if base.link is not None:
+            reasons.append("links that bend")
         levels: tuple[str, ...] = tuple(CLASSES)
         if friction is not None:
             both = [np.array([np.mean(ends(x)) for x in level]) for level in (friction.coulomb, friction.stiction)]  # type: ignore[union-attr]
@@ -109,9 +108,8 @@ class Likeness:
             for robot, kind in CLASSES.items()
         }
         first, second = sorted(distances, key=distances.__getitem__)[:2]
-        if distances[second] - distances[first] <= BETWEEN:
-            return cls((first, second), f"class: between {first} and {second} ({', '.join(reasons)})")
-        return cls((first,), f"class: {first} ({', '.join(reasons)})")
+        near = (first, second) if distances[second] - distances[first] <= BETWEEN else (first,)
+        return cls(near, f"class: {'between ' * (len(near) > 1)}{' and '.join(near)} ({', '.join(reasons)})")
 
 
 def around(base: Scenario) -> dict[str, Scenario]:

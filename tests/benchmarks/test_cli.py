@@ -105,7 +105,7 @@ def test_the_example_of_a_command_is_right(name):
 
 def test_the_row_of_the_example_is_on_the_default_board():
     suite = load("servo")
-    rows = [f"{policy}/{task.name}" for policy in suite.policy_names for task in suite.scenarios]
+    rows = [f"{policy}/{task.name}" for policy in suite.policies for task in suite.scenarios]
     assert cli.COMMANDS["verify"]["example"] in rows
 
 

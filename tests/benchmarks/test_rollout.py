@@ -54,7 +54,7 @@ def test_the_command_prints_each_trial_and_writes_all_runs(folder, fbl_gym):
 
 @pytest.mark.parametrize("suite", ["geared", "ideal"])
 def test_a_law_that_learns_over_trials_is_not_on_a_board_of_single_ones(suite):
-    assert not any("ilc" in policy for policy in load(suite).policy_names)
+    assert not any("ilc" in policy for policy in load(suite).policies)
 
 
 LAW, TASK = "cascade-flm+eso", "servo-elastic-2"

@@ -25,13 +25,13 @@ def test_suites(tmp_path):
         assert all(seed in SPLITS["test"] for c in suite.cells[:1] for seed in c.seeds)
     board = {scenario.name for scenario in load("servo").scenarios}
     assert board == {*scenarios.in_tier("servo", [2]), *scenarios.in_tier("servo-surprise")}
-    assert "td3" not in load("servo").policy_names
-    assert {"ppo", "ppo-blend"} <= {*load("servo").policy_names}
+    assert "td3" not in load("servo").policies
+    assert {"ppo", "ppo-blend"} <= {*load("servo").policies}
     short = load("geared").build(("zero", "ppo"), short=True)
     assert (len(short.scenarios), short.seeds) == (3, SHORT_SEEDS)
     assert [spec.name for spec in short.policies] == ["zero", f"ppo@{best_seed('ppo')}"]
     assert len(load("geared").build(("zero", "ppo")).policies) == 6
-    assert "computed-torque-tde@tuned" in load("servo").policy_names
+    assert "computed-torque-tde@tuned" in load("servo").policies
     for names, chosen in ((("noise",), "noise-{}"), (("nominal", "servo-noise"), "servo-noise-{}")):
         built = [scenario.name for scenario in load("ideal").build(["zero"], names).scenarios]
         assert built == [*names[:-1], *map(chosen.format, (1, 2, 3))]

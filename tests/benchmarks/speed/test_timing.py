@@ -10,15 +10,14 @@ import gymnasium as gym
 import numpy as np
 import pytest
 
-from benchmarks.speed import __main__, decisions, environments
-from benchmarks.speed.environments import compare
+from benchmarks import speed
 from fbl_gym import TwoLinkArmVectorEnv
 
 ROWS = [{"name": "peer", "ratio": 1.0, "peer": ""}, {"name": "arm", "ratio": 8.0, "peer": "peer"}]
 
 
 def test_rates_are_environments_per_second(monkeypatch):
-    monkeypatch.setattr(environments, "ROUND_S", 0.02)
+    monkeypatch.setattr(speed, "ROUND_S", 0.02)
     calls = []
 
     def step(name, lanes):
@@ -26,7 +25,7 @@ def test_rates_are_environments_per_second(monkeypatch):
         time.sleep(0.001)
         return lanes
 
-    rates = environments.measure_rates({"one": partial(step, "one", 1), "many": partial(step, "many", 100)}, rounds=2)
+    rates = speed.measure_rates({"one": partial(step, "one", 1), "many": partial(step, "many", 100)}, rounds=2)
     assert [len(values) for values in rates.values()] == [2, 2]
     assert calls[:2] == ["one", "many"]  # the warm-up
     turns = [name for name, before in zip(calls[2:], [None, *calls[2:]], strict=False) if name != before]
@@ -36,17 +35,17 @@ def test_rates_are_environments_per_second(monkeypatch):
 
 
 def test_a_contestant_returns_the_number_of_its_environments():
-    single = environments.contestant(gym.make("fbl_gym/TwoLinkArm-v0", duration=0.05), np.zeros(2))
+    single = speed.contestant(gym.make("fbl_gym/TwoLinkArm-v0", duration=0.05), np.zeros(2))
     assert [single() for _ in range(12)] == [1] * 12  # beyond the end of an episode
-    assert environments.contestant(TwoLinkArmVectorEnv(3), np.zeros((3, 2)))() == 3
+    assert speed.contestant(TwoLinkArmVectorEnv(3), np.zeros((3, 2)))() == 3
 
 
 @pytest.mark.parametrize("policy", ["pd-gravity", "computed-torque+predictor"])
 def test_the_decisions_of_an_arm_and_of_a_batch_are_measured(policy, monkeypatch, capsys):
-    monkeypatch.setattr(decisions, "WARM_UP", 2)
-    monkeypatch.setattr(__main__, "measure_decisions", partial(decisions.measure_decisions, turns=1))
+    monkeypatch.setattr(speed, "WARM_UP", 2)
+    monkeypatch.setattr(speed, "measure_decisions", partial(speed.measure_decisions, turns=1))
     monkeypatch.setattr(sys, "argv", ["speed", "--decisions", policy])
-    __main__.main()
+    speed.main()
     name, *times = capsys.readouterr().out.splitlines()[-1].split()
     assert name == policy
     assert all(0 < int(time) < 1e6 for time in times)
@@ -55,26 +54,26 @@ def test_the_decisions_of_an_arm_and_of_a_batch_are_measured(policy, monkeypatch
 
 def test_decisions_go_on_after_an_episode():
     """`zero` lets the arm fall away from its reference."""
-    assert min(islice(decisions.decisions("zero"), 300)) > 0
+    assert min(islice(speed.decisions("zero"), 300)) > 0
 
 
 def test_ratios_are_compared_with_a_baseline():
     """A contestant that the baseline lacks is left out."""
-    assert compare(ROWS, [ROWS[0], ROWS[1] | {"ratio": 4.0}]) == {"arm": 2.0}
-    assert compare(ROWS, ROWS[:1]) == {}
+    assert speed.compare(ROWS, [ROWS[0], ROWS[1] | {"ratio": 4.0}]) == {"arm": 2.0}
+    assert speed.compare(ROWS, ROWS[:1]) == {}
 
 
 def test_the_command_prints_and_stores_the_measurements(monkeypatch, tmp_path, capsys):
     path = tmp_path / "speed.json"
     contestants = {"peer": (lambda: 1, ""), "arm": (lambda: 8, "peer")}
-    monkeypatch.setattr(environments, "_contestants", lambda: contestants)
-    monkeypatch.setattr(environments, "ROUND_S", 0.01)
+    monkeypatch.setattr(speed, "_contestants", lambda: contestants)
+    monkeypatch.setattr(speed, "ROUND_S", 0.01)
     for option in ("--json", "--baseline"):
         monkeypatch.setattr(sys, "argv", ["speed", "--rounds", "1", option, str(path)])
-        __main__.main()
+        speed.main()
     assert [row["name"] for row in json.loads(path.read_text())["contestants"]] == ["peer", "arm"]
     assert "times its ratio in" in capsys.readouterr().out
     monkeypatch.setattr(sys, "argv", ["speed", "--rounds", "0"])
     with pytest.raises(SystemExit):
-        __main__.main()
+        speed.main()
     assert "--rounds: must be at least 1, got 0" in capsys.readouterr().err
