@@ -4,8 +4,6 @@ In the folder, `agent.json` describes the agent, and `weights.npz` (or the file 
 names) has its network in single precision. Both are plain data: reading them runs no code.
 """
 
-from __future__ import annotations
-
 import contextlib
 import io
 import json

@@ -1,7 +1,5 @@
 """Classes of stable-baselines3 and sb3-contrib, by algorithm or by archive; imported on use."""
 
-from __future__ import annotations
-
 import importlib
 import json
 import pickle
@@ -31,13 +29,15 @@ ALGORITHMS = {"sac": _SB3, "td3": _SB3, "tqc": _CONTRIB, "crossq": _CONTRIB}
 _NO_ARCHIVE = "must be an archive that stable-baselines3's save wrote"
 
 
-def find_class(algorithm: str) -> Any:
-    """Return the class of one of `ALGORITHMS`."""
-    return _import(algorithm, ALGORITHMS[algorithm], algorithm)
+def find_class(algorithm: str, package: str = "", user: str | Path = "") -> Any:
+    """Return the class of an algorithm, whose name is in lower case.
 
-
-def _import(user: str, package: str, algorithm: str) -> Any:
-    """Return the class of an algorithm, whose name is in lower case."""
+    Args:
+        algorithm: one of `ALGORITHMS`, or any of the package.
+        package: of the class; empty: that of `ALGORITHMS`.
+        user: what needs the class, for errors; empty: the algorithm.
+    """
+    package, user = package or ALGORITHMS[algorithm], user or algorithm
     try:
         return {name.lower(): value for name, value in vars(importlib.import_module(package)).items()}[algorithm]
     except ModuleNotFoundError as problem:
@@ -67,8 +67,7 @@ def load_zip(path: str | Path, interface: Interface, trust: bool = False) -> Pol
         raise ValueError(f"{path} {_NO_ARCHIVE} ({reason_of(problem)})") from None
     for saved in statistics(Path(path)):
         try:
-            with saved.open("rb") as file:
-                model = NormalizedModel(model, pickle.load(file))
+            model = NormalizedModel(model, pickle.loads(saved.read_bytes()))
         except Exception as problem:  # of pickle, or of the file's code
             raise ValueError(f"{saved} must be a file that VecNormalize's save wrote ({reason_of(problem)})") from None
     if (tracked := _tracked(model, interface)) is not None:
@@ -196,7 +195,7 @@ def _class_of(path: str | Path) -> Any:
         package, folder = "sbx" if package == "sbx" else _SB3, "ppo"
     if package not in (_SB3, _CONTRIB, "sbx"):
         raise ValueError(f"{path} must be of stable-baselines3, sb3-contrib or sbx, got a network of {module}")
-    return _import(str(path), package, {"common": "a2c", "recurrent": "recurrentppo"}.get(folder, folder))
+    return find_class({"common": "a2c", "recurrent": "recurrentppo"}.get(folder, folder), package, path)
 
 
 def _check_space(model: Any, interface: Interface, name: str, advice: str) -> None:
