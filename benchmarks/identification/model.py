@@ -112,7 +112,7 @@ class Windows:
     state: Array
     measured: Array
     start: Array
-    log: Array
+    log: Any
     time: Array
 
     def take(self, some: Array) -> "Windows":
@@ -159,7 +159,7 @@ def windows(logs: list[Log], length: float = 0.5, every: float = 0.25, substeps:
     # Two ways of smoothing differ by the error of the states.
     differ = [log.smooth - np.hstack([smooth(log.position, dt, d, 0.12) for d in (0, 1)]) for log in logs]
     spread = np.sqrt(np.mean([np.mean(x**2, axis=0) for x in differ], axis=0)) + 1e-5
-    number, start = np.repeat(np.arange(len(logs)), [len(s) for s in starts]), np.concatenate(starts)
+    start, number = np.concatenate(starts), np.repeat(np.arange(len(logs)), [*map(len, starts)])
     place = offsets[number] + start
     measured = position[place[:, None] + keep]
     return Windows(dt, keep, spread, substeps, command, motion[place], measured, place, number, start * dt)
