@@ -215,8 +215,8 @@ def identify(logs: list[Log], start: Scenario, tick: Callable[[str], object] = s
     fixed = {"gain 2", *("gain 1" for _ in passive), *(("p3",) if gravity > 0 else ("p4", "p5"))}.union(*TERMS.values())
     free = tuple(name for name in PARAMETERS if name not in fixed)
     tick("first fit")
-    first, share = regress(logs, given, start.arm.L1, gravity)
-    _refuse_mistakes(logs, share, lambda logs: regress(logs, given, start.arm.L1, gravity, (first[INDEX["delay"]],))[1])
+    first, share = regress(logs, start)
+    _refuse_mistakes(logs, share, lambda logs: regress(logs, start, (first[INDEX["delay"]],))[1])
     data = windows(logs, every=0.5, substeps=2)
     problem = _Problem(data, free, first, tie, _scale(logs, first))
     x, _, _, size = problem.solve(3, 15, np.full((len(data.keep), 2), 0.05))
@@ -275,10 +275,8 @@ def _passive(logs: Sequence[Log], start: Scenario) -> tuple[int, ...]:
     passive = np.flatnonzero(torque < 1e-3 * torque.max())
     for joint in passive:
         if limit is None or limit[joint] > 0:
-            raise ValueError(
-                f"torque {joint + 1} is zero in all logs, but --start has a drive there: name its column by --signals, "
-                "or give --start an actuator.torque_limit of 0 there"
-            )
+            advice = "name its column by --signals, or give --start an actuator.torque_limit of 0 there"
+            raise ValueError(f"torque {joint + 1} is zero in all logs, but --start has a drive there: {advice}")
     return tuple(int(joint) + 1 for joint in passive)
 
 
@@ -288,10 +286,9 @@ def _refuse_mistakes(logs: list[Log], share: float, unexplained: Callable[[list[
         return
     shares = {}
     for name, undo in MISTAKES.items():
-        zero, turns, signs = undo.get("zero", 0.0), undo.get("position", np.eye(2)), undo.get("torque", np.eye(2))
-        shares[name] = unexplained([
-            replace(log, position=log.position @ turns + zero, torque=log.torque @ signs) for log in logs
-        ])  # fmt: skip
+        turn, zero, push = undo.get("position", np.eye(2)), undo.get("zero", 0.0), undo.get("torque", np.eye(2))
+        undone = [replace(log, position=log.position @ turn + zero, torque=log.torque @ push) for log in logs]
+        shares[name] = unexplained(undone)
     best = min(shares, key=lambda name: shares[name])
     if shares[best] < 0.5 * share:
         changed = f"{100 * shares[best]:.0f} % with one change: check {best}"

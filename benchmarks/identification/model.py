@@ -172,17 +172,16 @@ def torque_columns(q: Array, v: Array, a: Array) -> Array:
     return np.concatenate([regressor(q, v, a), np.moveaxis(np.array(more), (0, 1, 2), (2, 1, 0))], axis=-1)
 
 
-def regress(
-    logs: Sequence[Log], start: Array, length1: float, gravity: float, delays: Sequence[float] = DELAYS
-) -> tuple[Array, float]:
+def regress(logs: Sequence[Log], start: Scenario, delays: Sequence[float] = DELAYS) -> tuple[Array, float]:
     """Return parameters by linear least squares from filtered logs, as a start for a fit.
 
     The lumped parameters, the second rotor, Coulomb and viscous friction are linear in the torques,
     whose delay is tried. Each number stays within 0.2 and 5 times that of `start`. The second value
     is the size of the torques that are not explained, as a share of all.
     """
-    used = [0, 1, 3, 4, 5, 6, 7, 8, 9] if gravity > 0 else [0, 1, 2, 5, 6, 7, 8, 9]
-    bounds = start[used] - 0.8 * abs(start[used]), start[used] + 4.0 * abs(start[used]) + 0.1
+    best, arm = parameters_of(start), start.arm
+    used = [0, 1, 3, 4, 5, 6, 7, 8, 9] if arm.gravity > 0 else [0, 1, 2, 5, 6, 7, 8, 9]
+    bounds = best[used] - 0.8 * abs(best[used]), best[used] + 4.0 * abs(best[used]) + 0.1
     fits = []
     for delay in delays:
         rows, torques = [], []
@@ -190,12 +189,11 @@ def regress(
             late, margin = round(delay / log.dt), round(0.08 / log.dt)
             q, v, a = (smooth(log.position, log.dt, d, 0.08)[late + margin : -margin] for d in range(3))
             columns = torque_columns(q, v, a)
-            columns[..., 4] += columns[..., 2] * length1 / gravity if gravity > 0 else 0.0
+            columns[..., 4] += columns[..., 2] * arm.L1 / arm.gravity if arm.gravity > 0 else 0.0
             rows.append(columns[..., used].reshape(-1, len(used)))
             torques.append(smooth(log.torque, log.dt, 0, 0.08)[margin : len(log.torque) - late - margin].ravel())
         every = np.concatenate(torques)
         solution = lsq_linear(np.concatenate(rows), every, bounds)
         fits.append((float(np.sqrt(2.0 * solution.cost / (every @ every))), delay, solution.x))
-    best = start.copy()
     share, best[INDEX["delay"]], best[used] = min(fits, key=lambda fit: fit[0])
     return best, share
