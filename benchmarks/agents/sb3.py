@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks.text import reason_of
+from benchmarks.text import reason_of, refusing
 from controllers.base import Policy
 from fbl_gym.envs.error_scales import WIDEST, ErrorScales
 from fbl_gym.interface import Interface
@@ -64,12 +64,10 @@ def load_zip(path: str | Path, interface: Interface, trust: bool = False) -> Pol
     except ModuleNotFoundError as problem:
         raise ValueError(f"{path} needs the module {problem.name}, which is not installed") from problem
     except Exception as problem:  # of SB3, torch, zipfile, pickle or the archive's code
-        raise ValueError(f"{path} {_NO_ARCHIVE} ({reason_of(problem)})") from None
+        raise ValueError(f"{path} {_NO_ARCHIVE}: {reason_of(problem)}") from None
     for saved in statistics(Path(path)):
-        try:
+        with refusing(f"{saved} must be a file that VecNormalize's save wrote"):  # errors of pickle, or the file's code
             model = NormalizedModel(model, pickle.loads(saved.read_bytes()))
-        except Exception as problem:  # of pickle, or of the file's code
-            raise ValueError(f"{saved} must be a file that VecNormalize's save wrote ({reason_of(problem)})") from None
     if (tracked := _tracked(model, interface)) is not None:
         return TrackingModel(model, interface, *tracked)
     seen = "TwoLinkArmTracking-v0 or TwoLinkArm-v0, maybe in frame stacks, and with the same preview (add-a-policy.md)"
@@ -180,12 +178,9 @@ def _tracked(model: Any, interface: Interface) -> tuple[ErrorScales, int] | None
 
 def _class_of(path: str | Path) -> Any:
     """Return the class that wrote an archive, without running the archive's code."""
-    try:
-        with zipfile.ZipFile(path) as archive:
-            data = json.loads(archive.read("data"))
+    with refusing(f"{path} {_NO_ARCHIVE}"), zipfile.ZipFile(path) as archive:  # errors of zipfile, zlib or json
+        data = json.loads(archive.read("data"))
         module = str(data["policy_class"]["__module__"])
-    except Exception as problem:  # of zipfile, zlib or json
-        raise ValueError(f"{path} {_NO_ARCHIVE} ({problem})") from None
     # SAC's network is of stable_baselines3.sac.policies; PPO, A2C and TRPO share another module.
     parts = module.split(".")
     package, folder = parts[0], parts[-2:][0]
