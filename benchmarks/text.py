@@ -1,5 +1,7 @@
 """Text for terminals, without characters that would control a terminal; texts of errors."""
 
+import contextlib
+from collections.abc import Iterator
 from typing import TextIO
 
 _CONTROL = (*range(32), *range(127, 160), 0x61C, 0x200E, 0x200F, *range(0x2028, 0x202F), *range(0x2066, 0x206A))
@@ -35,3 +37,13 @@ def text_of(problem: BaseException) -> str:
 def reason_of(problem: BaseException) -> str:
     """Return the kind and the text of an error."""
     return f"{type(problem).__name__}: {text_of(problem)}"
+
+
+@contextlib.contextmanager
+def refusing(words: str) -> Iterator[None]:
+    """Turn each error of a block into a `ValueError` with these words, and its reason."""
+    try:
+        yield
+    except Exception as problem:
+        reason = f"it lacks {text_of(problem)}" if isinstance(problem, KeyError) else reason_of(problem)
+        raise ValueError(f"{words}: {reason}") from None

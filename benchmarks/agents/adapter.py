@@ -1,7 +1,5 @@
 """The adapter between environment and agent: the agent's observation, and its action's torque."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 from typing import Any, NamedTuple

@@ -4,12 +4,8 @@ In the folder, `agent.json` describes the agent, and `weights.npz` (or the file 
 names) has its network in single precision. Both are plain data: reading them runs no code.
 """
 
-from __future__ import annotations
-
-import contextlib
 import io
 import json
-from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import chain
@@ -21,12 +17,14 @@ import numpy as np
 from benchmarks.agents.adapter import AdapterSettings, AgentAdapter
 from benchmarks.agents.network import Actor
 from benchmarks.files import replacing, write_text
+from benchmarks.text import refusing
 from controllers.base import State, TorqueLaw
 from fbl_gym.model.arm import Array
 from fbl_gym.reading import LARGEST, read_bytes
 from fbl_gym.records.checks import check_whole
 
 DESCRIPTION, WEIGHTS = "agent.json", "weights.npz"
+_WRITTEN = "must be as `fbl-gym train` wrote it"
 
 
 @dataclass(frozen=True, eq=False)
@@ -86,7 +84,7 @@ def describe(folder: Path) -> dict[str, Any]:
     path = folder / DESCRIPTION
     if not path.exists():
         raise ValueError(f"folder must hold an agent.json, as `fbl-gym train` writes it, got {str(folder)!r}")
-    with _reading(path):
+    with refusing(f"{path} {_WRITTEN}"):  # errors of json, zipfile, zlib, NumPy or the records
         description: dict[str, Any] = {"weights": WEIGHTS, **json.loads(read_bytes(path))}
         _ = description["interface"].items(), (folder / description["weights"]).resolve()
     return description
@@ -97,32 +95,22 @@ def files(folder: Path) -> list[Path]:
     return [folder / DESCRIPTION, folder / describe(folder)["weights"]]
 
 
-@contextlib.contextmanager
-def _reading(path: Path) -> Iterator[None]:
-    """Turn each error of reading a malformed file into one that names the file."""
-    try:
-        yield
-    except Exception as problem:  # of json, zipfile, zlib, NumPy or the records
-        reason = f"it lacks {problem}" if isinstance(problem, KeyError) else problem
-        raise ValueError(f"{path} must be as `fbl-gym train` wrote it: {reason}") from None
-
-
 def read(folder: Path) -> tuple[AdapterSettings, Actor]:
     """Return the adapter's settings and the network of the agent in a folder."""
     description = describe(folder)
     weights = folder / description["weights"]
-    with _reading(weights), np.load(io.BytesIO(read_bytes(weights)), allow_pickle=False) as file:
+    with refusing(f"{weights} {_WRITTEN}"), np.load(io.BytesIO(read_bytes(weights)), allow_pickle=False) as file:
         if (size := sum(part.file_size for part in file.zip.infolist())) > LARGEST:
             raise ValueError(f"its arrays must have at most {LARGEST} bytes, got {size}")
         arrays = {name: file[name].astype(float) for name in file}
-    with _reading(folder / DESCRIPTION):
+    with refusing(f"{folder / DESCRIPTION} {_WRITTEN}"):
         network = description["network"]
         number = check_whole("layers", network["layers"], low=1)
         layers = tuple((arrays[f"weight_{i}"], arrays[f"bias_{i}"]) for i in range(number))
-        return settings_of(folder), Actor(layers, network["activation"], network["output"])
+        return AdapterSettings(**description["interface"]), Actor(layers, network["activation"], network["output"])
 
 
 def settings_of(folder: Path) -> AdapterSettings:
     """Return the adapter's settings of the agent in a folder."""
-    with _reading(folder / DESCRIPTION):
+    with refusing(f"{folder / DESCRIPTION} {_WRITTEN}"):
         return AdapterSettings(**describe(folder)["interface"])

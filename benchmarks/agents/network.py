@@ -4,8 +4,6 @@ Libraries of linear algebra round a product of matrices differently. Here each s
 in the kernel.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
@@ -20,26 +18,22 @@ _FUNCTIONS = ("clip", "relu", "tanh")
 
 
 @kernel_njit
-def _layer(x, weights, y):
-    """Set y = bias + weight' x; the bias is the first row of the weights [1 + inputs x outputs]."""
+def _layer(x, weights, function, y):
+    """Set y = function(bias + weight' x), by the index of one of `_FUNCTIONS`.
+
+    The bias is the first row of the weights [1 + inputs x outputs].
+    """
     for o in range(len(y)):
         y[o] = weights[0, o]
     for i in range(len(weights) - 1):
         for o in range(len(y)):
             y[o] = fma(x[i], weights[i + 1, o], y[o])
-
-
-@kernel_njit
-def _apply(function, y):
-    """Apply one of `_FUNCTIONS`, by its index, to each element of y."""
-    if function == 0:
-        for o in range(len(y)):
+    for o in range(len(y)):
+        if function == 0:
             y[o] = min(max(y[o], -1.0), 1.0)
-    elif function == 1:
-        for o in range(len(y)):
+        elif function == 1:
             y[o] = max(y[o], 0.0)
-    else:
-        for o in range(len(y)):  # tanh, within 3e-16
+        else:  # tanh, within 3e-16
             power = exp(-2.0 * y[o])
             y[o] = (1.0 - power) / (1.0 + power)
 
@@ -61,8 +55,7 @@ def _forward(observation, weights, sizes, functions):
         for layer in range(len(functions)):
             rows, outputs = sizes[layer] + 1, sizes[layer + 1]
             y = actions[lane] if layer == len(functions) - 1 else hidden[layer % 2, :outputs]
-            _layer(x, weights[place : place + rows * outputs].reshape(rows, outputs), y)
-            _apply(functions[layer], y)
+            _layer(x, weights[place : place + rows * outputs].reshape(rows, outputs), functions[layer], y)
             x, place = y, place + rows * outputs
     return actions
 
@@ -89,10 +82,9 @@ class Actor:
     def _compiled(self) -> tuple[Array, Any, Any]:
         """The arguments of the forward pass after the observation."""
         rows = [np.vstack([bias, weight.T]) for weight, bias in self.layers]
-        sizes = [len(rows[0]) - 1, *(len(bias) for _, bias in self.layers)]
-        functions = [self.activation] * (len(self.layers) - 1) + [self.output]
-        indices = np.array([_FUNCTIONS.index(name) for name in functions])
-        return np.concatenate([row.ravel() for row in rows]), np.array(sizes), indices
+        functions = [_FUNCTIONS.index(name) for name in (*[self.activation] * (len(rows) - 1), self.output)]
+        sizes = np.array([len(rows[0]) - 1, *(row.shape[1] for row in rows)])
+        return np.concatenate([row.ravel() for row in rows]), sizes, np.array(functions)
 
     def __call__(self, observation: Array) -> Array:
         """Return the action [n x 2]. A lane has the same bits alone and in a batch."""

@@ -1,7 +1,5 @@
 """The shipped agents by name and training seed, and their factories."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable
 from pathlib import Path
@@ -66,9 +64,8 @@ def _factory(name: str, summary: str) -> Callable[..., Agent]:
 
 def _declare(factory: Callable[..., Agent], folder: Path, data_files: list[Path]) -> Callable[..., Agent]:
     """Return a factory with what agents of the settings in a folder declare, and their files."""
-    settings = settings_of(folder)
-    declared = {"kind": "learned", "needs": settings.sensors, "preview": settings.preview, "uses": settings.uses}
-    vars(factory).update(declared, data_files=data_files)
+    needs, preview, uses = (getattr(settings_of(folder), name) for name in ("sensors", "preview", "uses"))
+    vars(factory).update(kind="learned", needs=needs, preview=preview, uses=uses, data_files=data_files)
     return factory
 
 

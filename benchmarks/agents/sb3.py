@@ -1,7 +1,5 @@
 """Classes of stable-baselines3 and sb3-contrib, by algorithm or by archive; imported on use."""
 
-from __future__ import annotations
-
 import importlib
 import json
 import pickle
@@ -14,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks.text import reason_of
+from benchmarks.text import reason_of, refusing
 from controllers.base import Policy
 from fbl_gym.envs.error_scales import WIDEST, ErrorScales
 from fbl_gym.interface import Interface
@@ -31,13 +29,15 @@ ALGORITHMS = {"sac": _SB3, "td3": _SB3, "tqc": _CONTRIB, "crossq": _CONTRIB}
 _NO_ARCHIVE = "must be an archive that stable-baselines3's save wrote"
 
 
-def find_class(algorithm: str) -> Any:
-    """Return the class of one of `ALGORITHMS`."""
-    return _import(algorithm, ALGORITHMS[algorithm], algorithm)
+def find_class(algorithm: str, package: str = "", user: str | Path = "") -> Any:
+    """Return the class of an algorithm, whose name is in lower case.
 
-
-def _import(user: str, package: str, algorithm: str) -> Any:
-    """Return the class of an algorithm, whose name is in lower case."""
+    Args:
+        algorithm: one of `ALGORITHMS`, or any of the package.
+        package: of the class; empty: that of `ALGORITHMS`.
+        user: what needs the class, for errors; empty: the algorithm.
+    """
+    package, user = package or ALGORITHMS[algorithm], user or algorithm
     try:
         return {name.lower(): value for name, value in vars(importlib.import_module(package)).items()}[algorithm]
     except ModuleNotFoundError as problem:
@@ -64,13 +64,10 @@ def load_zip(path: str | Path, interface: Interface, trust: bool = False) -> Pol
     except ModuleNotFoundError as problem:
         raise ValueError(f"{path} needs the module {problem.name}, which is not installed") from problem
     except Exception as problem:  # of SB3, torch, zipfile, pickle or the archive's code
-        raise ValueError(f"{path} {_NO_ARCHIVE} ({reason_of(problem)})") from None
+        raise ValueError(f"{path} {_NO_ARCHIVE}: {reason_of(problem)}") from None
     for saved in statistics(Path(path)):
-        try:
-            with saved.open("rb") as file:
-                model = NormalizedModel(model, pickle.load(file))
-        except Exception as problem:  # of pickle, or of the file's code
-            raise ValueError(f"{saved} must be a file that VecNormalize's save wrote ({reason_of(problem)})") from None
+        with refusing(f"{saved} must be a file that VecNormalize's save wrote"):  # errors of pickle, or the file's code
+            model = NormalizedModel(model, pickle.loads(saved.read_bytes()))
     if (tracked := _tracked(model, interface)) is not None:
         return TrackingModel(model, interface, *tracked)
     seen = "TwoLinkArmTracking-v0 or TwoLinkArm-v0, maybe in frame stacks, and with the same preview (add-a-policy.md)"
@@ -181,12 +178,9 @@ def _tracked(model: Any, interface: Interface) -> tuple[ErrorScales, int] | None
 
 def _class_of(path: str | Path) -> Any:
     """Return the class that wrote an archive, without running the archive's code."""
-    try:
-        with zipfile.ZipFile(path) as archive:
-            data = json.loads(archive.read("data"))
+    with refusing(f"{path} {_NO_ARCHIVE}"), zipfile.ZipFile(path) as archive:  # errors of zipfile, zlib or json
+        data = json.loads(archive.read("data"))
         module = str(data["policy_class"]["__module__"])
-    except Exception as problem:  # of zipfile, zlib or json
-        raise ValueError(f"{path} {_NO_ARCHIVE} ({problem})") from None
     # SAC's network is of stable_baselines3.sac.policies; PPO, A2C and TRPO share another module.
     parts = module.split(".")
     package, folder = parts[0], parts[-2:][0]
@@ -196,7 +190,7 @@ def _class_of(path: str | Path) -> Any:
         package, folder = "sbx" if package == "sbx" else _SB3, "ppo"
     if package not in (_SB3, _CONTRIB, "sbx"):
         raise ValueError(f"{path} must be of stable-baselines3, sb3-contrib or sbx, got a network of {module}")
-    return _import(str(path), package, {"common": "a2c", "recurrent": "recurrentppo"}.get(folder, folder))
+    return find_class({"common": "a2c", "recurrent": "recurrentppo"}.get(folder, folder), package, path)
 
 
 def _check_space(model: Any, interface: Interface, name: str, advice: str) -> None:

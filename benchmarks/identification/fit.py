@@ -4,8 +4,10 @@ Each window starts in its measured state, which is corrected within its spread; 
 zeros of the angles, as drives are often zeroed where the arm happens to rest.
 """
 
+import tomllib
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -42,17 +44,8 @@ CHECK = (
     "motions"
 )
 
-# The motion that identifies a number, by the first word of its name.
-EXCITE = {
-    "p": "moves of both joints together and against each other, fast and through large angles",
-    "rotor": "fast reversals of joint 2 while joint 1 swings",
-    "coulomb": "slow moves with many reversals of that joint",
-    "viscous": "moves at several speeds of that joint, up to its fastest",
-    "stiction": "starts from rest by slowly rising torques",
-    "gain": "moves in which gravity and inertia load that joint",
-    "delay": "jumps of the command",
-    "lag": "jumps of the command",
-}
+MISTAKES = tomllib.loads(Path(__file__).with_name("mistakes.toml").read_text(encoding="utf-8"))
+"""What a log may have wrong, by the words for what is to be checked."""
 
 
 @dataclass(frozen=True)
@@ -154,11 +147,9 @@ class _Problem:
         def derivative(x: Array) -> Array:
             up, down = x + moves, np.maximum(x - moves, low)
             slope = (self.error(up) - self.error(down)) / (up - down).max(axis=1)[:, None, None, None]
-            moved = without_state(slope)
-            table = np.zeros((*moved.shape[:2], len(x)))
-            table[..., :n] = moved[..., :n]
-            for j in (0, 1):
-                table[np.arange(len(table)), :, n + 2 * data.log + j] = moved[..., n + j]
+            moved, logs = without_state(slope), np.arange(len(x) - n) // 2
+            zeros = np.where(data.log[:, None, None] == logs, np.tile(moved[..., n:], len(logs) // 2), 0.0)
+            table = np.concatenate([moved[..., :n], zeros], axis=-1)
             return np.concatenate([table.reshape(-1, len(x)), np.eye(len(x))])
 
         ends: dict[str, Any] = {"max_nfev": evaluations, "xtol": 1e-6, "ftol": 1e-6}
@@ -224,8 +215,8 @@ def identify(logs: list[Log], start: Scenario, tick: Callable[[str], object] = s
     fixed = {"gain 2", *("gain 1" for _ in passive), *(("p3",) if gravity > 0 else ("p4", "p5"))}.union(*TERMS.values())
     free = tuple(name for name in PARAMETERS if name not in fixed)
     tick("first fit")
-    first, share = regress(logs, given, start.arm.L1, gravity)
-    _refuse_mistakes(logs, share, lambda logs: regress(logs, given, start.arm.L1, gravity, (first[INDEX["delay"]],))[1])
+    first, share = regress(logs, start)
+    _refuse_mistakes(logs, share, lambda logs: regress(logs, start, (first[INDEX["delay"]],))[1])
     data = windows(logs, every=0.5, substeps=2)
     problem = _Problem(data, free, first, tie, _scale(logs, first))
     x, _, _, size = problem.solve(3, 15, np.full((len(data.keep), 2), 0.05))
@@ -257,7 +248,7 @@ def identify(logs: list[Log], start: Scenario, tick: Callable[[str], object] = s
     draws = last.draws(x, residual, table)
     interval = np.maximum(np.quantile(draws, (0.05, 0.95), axis=0), 0.0).T
     wide = draws.std(axis=0) > 0.3 * np.maximum(np.abs(parameters), 0.1 * last.scale)
-    weak = {name: EXCITE["p" if name[0] == "p" else name.split()[0]] for name in free if wide[INDEX[name]]}
+    weak = {name: motion for name, motion in PARAMETERS.items() if name in free and wide[INDEX[name]]}
     base = last.data.simulate(given[None], np.zeros((1, len(last.data.log), 2)), last.data.state)[0]
     ends = {
         "this model": last.error(x[None])[0, :, -1],
@@ -284,10 +275,8 @@ def _passive(logs: Sequence[Log], start: Scenario) -> tuple[int, ...]:
     passive = np.flatnonzero(torque < 1e-3 * torque.max())
     for joint in passive:
         if limit is None or limit[joint] > 0:
-            raise ValueError(
-                f"torque {joint + 1} is zero in all logs, but --start has a drive there: name its column by --signals, "
-                "or give --start an actuator.torque_limit of 0 there"
-            )
+            advice = "name its column by --signals, or give --start an actuator.torque_limit of 0 there"
+            raise ValueError(f"torque {joint + 1} is zero in all logs, but --start has a drive there: {advice}")
     return tuple(int(joint) + 1 for joint in passive)
 
 
@@ -295,26 +284,11 @@ def _refuse_mistakes(logs: list[Log], share: float, unexplained: Callable[[list[
     """Raise an error if the logs fit far better with other signs, zeros, units or another order."""
     if share < UNEXPLAINED:
         return
-    same, one, two, swap = np.eye(2), np.diag([-1.0, 1.0]), np.diag([1.0, -1.0]), np.eye(2)[::-1]
-    mistakes = {  # matrices for positions and torques, and zeros
-        "the sign of torque 1": (same, one, (0, 0)),
-        "the sign of torque 2": (same, two, (0, 0)),
-        "the signs of both torques": (same, -same, (0, 0)),
-        "the sign of position 2": (two, same, (0, 0)),
-        "the signs of both positions": (-same, same, (0, 0)),
-        "the signs of position 2 and torque 2": (two, two, (0, 0)),
-        "whether position 2 counts from link 1": (np.array([[1.0, -1.0], [0.0, 1.0]]), same, (0, 0)),
-        "the order of the torques": (same, swap, (0, 0)),
-        "the order of the joints": (swap, swap, (0, 0)),
-        "degrees, by --signals position=deg": (np.radians(same), same, (0, 0)),
-        "degrees from hanging, by --signals position=deg --zero -1.5708 0": (np.radians(same), same, (-np.pi / 2, 0)),
-    }
-    for a, b in np.pi * np.array([(-0.5, 0), (0.5, 0), (1, 0), (0, -0.5), (0, 0.5), (0, 1)]):
-        mistakes[f"the zeros of the angles, {a:+.4f} and {b:+.4f} rad by --zero"] = same, same, (a, b)
-    shares = {
-        name: unexplained([replace(log, position=log.position @ a + zero, torque=log.torque @ b) for log in logs])
-        for name, (a, b, zero) in mistakes.items()
-    }
+    shares = {}
+    for name, undo in MISTAKES.items():
+        turn, zero, push = undo.get("position", np.eye(2)), undo.get("zero", 0.0), undo.get("torque", np.eye(2))
+        undone = [replace(log, position=log.position @ turn + zero, torque=log.torque @ push) for log in logs]
+        shares[name] = unexplained(undone)
     best = min(shares, key=lambda name: shares[name])
     if shares[best] < 0.5 * share:
         changed = f"{100 * shares[best]:.0f} % with one change: check {best}"

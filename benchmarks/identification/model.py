@@ -4,8 +4,10 @@ Each physics step is the kernel's, `fbl_gym.kernel.arm.physics.move`.
 """
 
 import math
+import tomllib
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -16,6 +18,7 @@ from fbl_gym.kernel.arm.physics import move
 from fbl_gym.kernel.maths.fastmath import cached_njit
 from fbl_gym.kernel.memory.layout import EXACT_FRICTION
 from fbl_gym.model.arm import ArmParameters, Array, regressor
+from fbl_gym.options import Friction
 from fbl_gym.records.record import middle
 from fbl_gym.scenarios import Scenario
 
@@ -24,24 +27,20 @@ POINTS = 10  # comparisons in a window, at equal times
 PAD = 60  # samples before each log in which its first command acts
 DELAYS = tuple(np.arange(0.0, 0.025, 0.004))  # that a linear fit tries [s]
 
-# The numbers of an arm. p1 includes the first rotor, from which no motion tells it apart.
-# Torques are in N m, inertias in kg m^2, delay and lag in s; gains are real / nominal.
-PARAMETERS = (
-    "p1", "p2", "p3", "p4", "p5", "rotor 2", "coulomb 1", "coulomb 2", "viscous 1", "viscous 2", "stiction 1", "stiction 2",
-    "gain 1", "gain 2", "delay", "lag",
-)  # fmt: skip
+PARAMETERS: dict[str, str] = tomllib.loads(Path(__file__).with_name("parameters.toml").read_text(encoding="utf-8"))
+"""The numbers of an arm [16], and the motion that identifies each."""
+
 INDEX = {name: i for i, name in enumerate(PARAMETERS)}
 
 
 def parameters_of(scenario: Scenario) -> Array:
     """Return the parameters of a scenario's arm, [16]; of distributions their middles."""
-    friction, drive = scenario.friction, scenario.actuator
-    dry = [middle(getattr(friction, name)[j]) if friction else 0.0 for name in ("coulomb", "viscous") for j in (0, 1)]
-    lumped, rotor = scenario.arm.lumped, scenario.rotor
-    lumped[0] += rotor[0]
+    friction, drive, rotor = scenario.friction or Friction(), scenario.actuator, scenario.rotor
+    dry: Any = map(middle, (*friction.coulomb, *friction.viscous))  # type: ignore[misc]
     delay = middle(drive.delay) + middle(drive.delay_samples) * scenario.control_dt
     gains = [middle(gain) for gain in drive.gain]  # type: ignore[union-attr]
-    return np.array([*lumped, rotor[1], *dry, 0.0, 0.0, *gains, delay, middle(drive.lag)])
+    p1, *lumped = scenario.arm.lumped
+    return np.array([p1 + rotor[0], *lumped, rotor[1], *dry, 0.0, 0.0, *gains, delay, middle(drive.lag)])
 
 
 def arm_of(parameters: Array, start: ArmParameters) -> ArmParameters:
@@ -53,8 +52,8 @@ def arm_of(parameters: Array, start: ArmParameters) -> ArmParameters:
 
 
 @cached_njit
-def _simulate(parameters, state, zero, command, start, h, keep, substeps):  # type: ignore[no-untyped-def]
-    """Return positions after `keep` steps; see `Windows.simulate`."""
+def _simulate(parameters, state, command, start, h, keep, substeps):  # type: ignore[no-untyped-def]
+    """Return angles after `keep` samples, from states of angles and velocities; see `Windows`."""
     variants, windows = state.shape[:2]
     out = np.empty((variants, windows, len(keep), 2))
     for k in range(variants):
@@ -70,17 +69,9 @@ def _simulate(parameters, state, zero, command, start, h, keep, substeps):  # ty
         mean = (1.0 - kept) * lag / step
         before = int(min(8.0 * p[15] / h, 50.0)) + 1
         for w in range(windows):
-            q = (state[k, w, 0] + zero[k, w, 0], state[k, w, 1] + zero[k, w, 1])
-            v = (state[k, w, 2], state[k, w, 3])
-            u1, u2 = 0.0, 0.0
-            saved = 0
-            for i in range(-before, keep[-1] + 1):
-                if i >= 0 and i == keep[saved]:
-                    out[k, w, saved, 0] = q[0] - zero[k, w, 0]
-                    out[k, w, saved, 1] = q[1] - zero[k, w, 1]
-                    saved += 1
-                    if i == keep[-1]:
-                        break
+            q, v = (state[k, w, 0], state[k, w, 1]), (state[k, w, 2], state[k, w, 3])
+            u1, u2, saved = 0.0, 0.0, 0
+            for i in range(-before, keep[-1]):
                 new = max(start[w] + i - whole, 0)
                 old = max(new - 1, 0)
                 end1 = p[12] * ((1.0 - part) * command[new, 0] + part * command[old, 0])
@@ -90,6 +81,9 @@ def _simulate(parameters, state, zero, command, start, h, keep, substeps):  # ty
                         u = (end1 + mean * (u1 - end1), end2 + mean * (u2 - end2))
                         q, v = move(step, q, v, (u, u, u), lumped, rotor, friction, EXACT_FRICTION)
                     u1, u2 = end1 + kept * (u1 - end1), end2 + kept * (u2 - end2)
+                if i + 1 == keep[saved]:
+                    out[k, w, saved, 0], out[k, w, saved, 1] = q
+                    saved += 1
     return out
 
 
@@ -118,14 +112,13 @@ class Windows:
     state: Array
     measured: Array
     start: Array
-    log: Array
+    log: Any
     time: Array
 
     def take(self, some: Array) -> "Windows":
         """Return some of the windows, by a mask; their logs are numbered anew."""
-        parts: dict[str, Any] = {name: getattr(self, name)[some] for name in ("state", "measured", "start", "time")}
-        parts["log"] = np.unique(self.log[some], return_inverse=True)[1]
-        return replace(self, **parts)
+        parts: Any = {name: getattr(self, name)[some] for name in ("state", "measured", "start", "time")}
+        return replace(self, log=np.unique(self.log[some], return_inverse=True)[1], **parts)
 
     def simulate(self, parameters: Array, zero: Array, state: Array) -> Array:
         """Return simulated positions [m x windows x k x 2] of m sets of parameters.
@@ -135,10 +128,10 @@ class Windows:
             zero: angles at which the readings are zero [m x windows x 2] rad.
             state: at the starts [windows x 4].
         """
-        states = np.ascontiguousarray(np.broadcast_to(state, (len(parameters), *state.shape)))
-        fixed = self.command, self.start, self.dt, self.keep, self.substeps
-        out = _simulate(parameters, states, np.ascontiguousarray(zero), *fixed)
-        return np.nan_to_num(out, nan=1e3, posinf=1e3, neginf=-1e3).clip(-1e3, 1e3)
+        states = np.tile(state, (len(parameters), 1, 1))
+        states[..., :2] += zero
+        angles = _simulate(parameters, states, self.command, self.start, self.dt, self.keep, self.substeps)
+        return np.nan_to_num(angles - zero[:, :, None], nan=1e3, posinf=1e3, neginf=-1e3).clip(-1e3, 1e3)
 
 
 def windows(logs: list[Log], length: float = 0.5, every: float = 0.25, substeps: int = 4) -> Windows:
@@ -155,7 +148,10 @@ def windows(logs: list[Log], length: float = 0.5, every: float = 0.25, substeps:
         rates = ", ".join(f"{log.name} {1 / log.sample:.4g} Hz" for log in logs)
         raise ValueError(f"logs must have one rate, got {rates}")
     keep = np.unique(np.round(np.linspace(0, length / dt, POINTS + 1)[1:]).astype(int))
-    command = np.concatenate([part for log in logs for part in (np.repeat(log.torque[:1], PAD, axis=0), log.torque)])
+    command, position, motion = (
+        np.concatenate([np.pad(vars(log)[name], ((PAD, 0), (0, 0)), "edge") for log in logs])
+        for name in ("torque", "position", "smooth")
+    )
     starts = [np.arange(0, len(log.position) - keep[-1], max(1, round(every / dt))) for log in logs]
     if min(map(len, starts)) == 0:
         raise ValueError(f"each log must be longer than a window of {length:g} s")
@@ -163,11 +159,10 @@ def windows(logs: list[Log], length: float = 0.5, every: float = 0.25, substeps:
     # Two ways of smoothing differ by the error of the states.
     differ = [log.smooth - np.hstack([smooth(log.position, dt, d, 0.12) for d in (0, 1)]) for log in logs]
     spread = np.sqrt(np.mean([np.mean(x**2, axis=0) for x in differ], axis=0)) + 1e-5
-    number: Any = np.repeat(np.arange(len(logs)), [len(s) for s in starts])
-    state = np.concatenate([log.smooth[s] for log, s in zip(logs, starts, strict=True)])
-    measured = np.concatenate([log.position[s[:, None] + keep] for log, s in zip(logs, starts, strict=True)])
-    start = np.concatenate(starts)
-    return Windows(dt, keep, spread, substeps, command, state, measured, start + offsets[number], number, start * dt)
+    start, number = np.concatenate(starts), np.repeat(np.arange(len(logs)), [*map(len, starts)])
+    place = offsets[number] + start
+    measured = position[place[:, None] + keep]
+    return Windows(dt, keep, spread, substeps, command, motion[place], measured, place, number, start * dt)
 
 
 def torque_columns(q: Array, v: Array, a: Array) -> Array:
@@ -177,17 +172,16 @@ def torque_columns(q: Array, v: Array, a: Array) -> Array:
     return np.concatenate([regressor(q, v, a), np.moveaxis(np.array(more), (0, 1, 2), (2, 1, 0))], axis=-1)
 
 
-def regress(
-    logs: Sequence[Log], start: Array, length1: float, gravity: float, delays: Sequence[float] = DELAYS
-) -> tuple[Array, float]:
+def regress(logs: Sequence[Log], start: Scenario, delays: Sequence[float] = DELAYS) -> tuple[Array, float]:
     """Return parameters by linear least squares from filtered logs, as a start for a fit.
 
     The lumped parameters, the second rotor, Coulomb and viscous friction are linear in the torques,
     whose delay is tried. Each number stays within 0.2 and 5 times that of `start`. The second value
     is the size of the torques that are not explained, as a share of all.
     """
-    used = [0, 1, 3, 4, 5, 6, 7, 8, 9] if gravity > 0 else [0, 1, 2, 5, 6, 7, 8, 9]
-    bounds = start[used] - 0.8 * abs(start[used]), start[used] + 4.0 * abs(start[used]) + 0.1
+    best, arm = parameters_of(start), start.arm
+    used = [0, 1, 3, 4, 5, 6, 7, 8, 9] if arm.gravity > 0 else [0, 1, 2, 5, 6, 7, 8, 9]
+    bounds = best[used] - 0.8 * abs(best[used]), best[used] + 4.0 * abs(best[used]) + 0.1
     fits = []
     for delay in delays:
         rows, torques = [], []
@@ -195,12 +189,11 @@ def regress(
             late, margin = round(delay / log.dt), round(0.08 / log.dt)
             q, v, a = (smooth(log.position, log.dt, d, 0.08)[late + margin : -margin] for d in range(3))
             columns = torque_columns(q, v, a)
-            columns[..., 4] += columns[..., 2] * length1 / gravity if gravity > 0 else 0.0
+            columns[..., 4] += columns[..., 2] * arm.L1 / arm.gravity if arm.gravity > 0 else 0.0
             rows.append(columns[..., used].reshape(-1, len(used)))
             torques.append(smooth(log.torque, log.dt, 0, 0.08)[margin : len(log.torque) - late - margin].ravel())
         every = np.concatenate(torques)
         solution = lsq_linear(np.concatenate(rows), every, bounds)
         fits.append((float(np.sqrt(2.0 * solution.cost / (every @ every))), delay, solution.x))
-    best = start.copy()
     share, best[INDEX["delay"]], best[used] = min(fits, key=lambda fit: fit[0])
     return best, share

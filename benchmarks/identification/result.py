@@ -4,14 +4,16 @@ import os
 from collections.abc import Sequence
 from pathlib import Path
 from statistics import mode
+from string import Template
 
 import numpy as np
 
 from benchmarks.identification.fit import Fit
 from benchmarks.identification.logs import Log
-from benchmarks.identification.model import INDEX, V_S, arm_of
+from benchmarks.identification.model import INDEX, PARAMETERS, V_S, arm_of
 from fbl_gym.scenarios import Scenario
 
+TEMPLATE = Template(Path(__file__).with_name("scenario.template").read_text(encoding="utf-8"))
 MAX_RADIUS = 1.0  # largest radius of masses; beyond it, a number is not identified
 
 
@@ -37,54 +39,25 @@ def text(fit: Fit, logs: Sequence[Log], start: Scenario, base: str, command: str
         command: for the file's first line.
     """
     control = round(logs[0].sample, 4 if logs[0].sample > 1e-3 else 5)
-    steps = int(np.ceil(control / start.physics_dt - 1e-9))
     zero = np.sqrt(3.0) * np.sqrt((fit.zero**2).mean(axis=0))
     arm = vars(arm_of(fit.parameters, start.arm)).items()
-    fields = "\n".join(f"{name} = {list(value) if isinstance(value, tuple) else value}" for name, value in arm)
-    return f"""# {command}
-# Estimates with 90 % intervals; inertias in kg m^2, torques in N m, times in s. p1 includes rotor 1, from
-# which no motion tells it apart. {scale_of(fit)}.
-{_estimates(fit)}
-base = "{base}"
-description = "identified from {len(logs)} log{"s" * (len(logs) > 1)}: {fit.parameters[0]:.3g} kg m^2 about joint 1"
-control_dt = {control:g}
-physics_dt = {control / steps!r}
-duration = {round(start.duration / control) * control:.10g}
-# What the fit does not see apart from these numbers is none: a payload, errors of single links, friction under load.
-parameter_error.radius = {_radius(fit):.4g}
-parameter_error.parameters = ["m1", "m2"]
-parameter_error.centre = 1.0
-parameter_error.inertia = 1.0
-parameter_error.rotor = 1.0
-parameter_error.payload = false
-noise.position.bias = [{", ".join(f"{{ uniform = [{-z:.4g}, {z:.4g}] }}" for z in zero)}]
-{_sensors(logs, start)}
-
-[friction]
-coulomb = {_spread(fit, "coulomb 1", "coulomb 2")}
-viscous = {_spread(fit, "viscous 1", "viscous 2")}
-stiction = {_spread(fit, "stiction 1", "stiction 2")}
-v_s = {V_S}
-load = 0.0
-
-[actuator]
-gain = {_spread(fit, "gain 1", "gain 2")}
-delay = {_spread(fit, "delay")}
-lag = {_spread(fit, "lag")}
-delay_samples = 0
-
-[arm]
-{fields}
-"""
-
-
-def _estimates(fit: Fit) -> str:
-    """Return the comment lines with the estimates and their intervals."""
-    return "\n".join(
+    lines = [
         f"# {name:10} {value:.4g} [{low:.4g}, {high:.4g}]"
         + (f", hardly told by these logs: needs {fit.weak[name]}" if name in fit.weak else "")
         for name, value, (low, high) in fit.estimates()
-    )
+    ]
+    names = {
+        name.split()[0]: [each for each in PARAMETERS if each.split()[0] == name.split()[0]] for name in PARAMETERS
+    }
+    return TEMPLATE.substitute(
+        {name: _spread(fit, *each) for name, each in names.items()}, v_s=V_S, radius=f"{_radius(fit):.4g}",
+        command=command, scale=scale_of(fit), estimates="\n".join(lines), base=base,
+        logs=f"{len(logs)} log{'s' * (len(logs) > 1)}", inertia=f"{fit.parameters[0]:.3g}", control_dt=f"{control:g}",
+        physics_dt=control / int(np.ceil(control / start.physics_dt - 1e-9)),
+        duration=f"{round(start.duration / control) * control:.10g}", sensors=_sensors(logs, start),
+        zeros=", ".join(f"{{ uniform = [{-z:.4g}, {z:.4g}] }}" for z in zero),
+        arm="\n".join(f"{name} = {list(value) if isinstance(value, tuple) else value}" for name, value in arm),
+    )  # fmt: skip
 
 
 def _radius(fit: Fit) -> float:

@@ -96,19 +96,16 @@ def select(names: Sequence[str]) -> list[str]:
     return [name for name in CLAIMS if name in chosen or not names]
 
 
-def measure_claim(name: str, cases: int | None = None) -> tuple[Measured, Callable[[Path], None] | None]:
+def measure_claim(name: str, number: int | None = None) -> tuple[Measured, Callable[[Path], None] | None]:
     """Measure the first cases of one of `CLAIMS`; None: all of them.
 
     Return the measured claim, and a function that draws its picture to a file if there is one.
     """
     claim = CLAIMS[name]
-    kinds, titles, values = zip(*claim.cases[:cases], strict=True)
-    outcomes = [claim.measure(each) for each in values]
-    rows = [[kind, title, *each.texts] for kind, title, each in zip(kinds, titles, outcomes, strict=True)]
-    at_stated, at_best = judge(rows)
-    measured = {**claim.texts, "at_stated": at_stated, "at_best": at_best, "cases": rows}
-    panels = [outcome.panel for outcome in outcomes if outcome.panel]
-    if not panels:
+    cases = [(kind, title, claim.measure(values)) for kind, title, values in claim.cases[:number]]
+    rows = [[kind, title, *outcome.texts] for kind, title, outcome in cases]
+    measured = claim.texts | dict(zip(("at_stated", "at_best"), judge(rows), strict=True)) | {"cases": rows}
+    if not (panels := [outcome.panel for *_, outcome in cases if outcome.panel]):
         return measured, None
     panel = dataclasses.replace(panels[0], lines=tuple(line for panel in panels for line in panel.lines))
     return measured, partial(plot_lines, claim.texts["claim"], [panel])
@@ -117,15 +114,13 @@ def measure_claim(name: str, cases: int | None = None) -> tuple[Measured, Callab
 def load(folder: Path) -> dict[str, Measured]:
     """Return the claims of a folder's `claims.json`, by name; none if the file does not exist."""
     path = folder / "claims.json"
-    rows = json.loads(path.read_text(encoding="utf-8")) if path.exists() else []
-    return {row.pop("name"): row for row in rows}
+    return json.loads(path.read_text(encoding="utf-8")) if path.exists() else {}
 
 
 def save(folder: Path, claims: Mapping[str, Measured]) -> None:
     """Write claims, in the paper's order, to `claims.json` and `claims.md` in a folder."""
     claims = {name: claims[name] for name in CLAIMS if name in claims}
-    rows = [{"name": name, **claim} for name, claim in claims.items()]
-    write_text(folder / "claims.json", json.dumps(rows, indent=1, ensure_ascii=False) + "\n")
+    write_text(folder / "claims.json", json.dumps(claims, indent=1, ensure_ascii=False) + "\n")
     write_text(folder / "claims.md", page(claims))
 
 

@@ -1,7 +1,6 @@
 """Measurements on the paper's arms: scenarios, metrics, and the uncertainty radius of its laws."""
 
 import dataclasses
-from collections.abc import Mapping
 from functools import cache
 from typing import Any
 
@@ -10,7 +9,7 @@ import numpy as np
 from benchmarks.paper.outcome import Outcome, Rows, Values, number, share
 from benchmarks.report.plot import Line, Panel
 from benchmarks.run.metrics import departure, measure
-from benchmarks.run.rollout import Trace, Watch, rollout
+from benchmarks.run.rollout import Trace, rollout
 from fbl_gym import SECTION_2_2, TABLE_1, Noise, Scenario, scenarios
 
 SEEDS = 40
@@ -43,29 +42,30 @@ def noise(reading: str, rate: str) -> Noise | None:
 
 def with_estimates(scenario: Scenario, arm: str, estimates: str) -> Scenario:
     """Return the scenario with a real arm, and with some estimates as its nominal parameters."""
-    factors = np.broadcast_to(ESTIMATES[estimates], 4).astype(float).tolist()
-    names = zip(("m1", "m2", "L1", "L2"), factors, strict=True)
-    nominal = {name: factor * getattr(ARMS[arm], name) for name, factor in names}
-    ratio = tuple(1.0 / factor for factor in factors)
-    return scenario.replace(arm=dataclasses.replace(ARMS[arm], **nominal), parameter_error={"ratio": ratio})
+    real, factors = ARMS[arm], np.broadcast_to(ESTIMATES[estimates], 4).astype(float)
+    names = zip(("m1", "m2", "L1", "L2"), factors.tolist(), strict=True)
+    nominal = dataclasses.replace(real, **{name: factor * getattr(real, name) for name, factor in names})
+    return scenario.replace(arm=nominal, parameter_error={"ratio": tuple(1.0 / factors)})
 
 
-def run(
-    policy: str, scenario: Scenario, seeds: int = 1, watch: Mapping[str, Watch] | None = None, **gains: Any
-) -> tuple[Trace, Rows]:
-    """Return the trace of the first seeds, and each metric of every seed [n].
+def run(policy: str, scenario: Scenario, seeds: int = 1, watch: Any = None, **gains: Any) -> Trace:
+    """Return the trace of the first seeds, with what is watched: a `Watch` by name."""
+    return rollout(policy, scenario, range(seeds), gains, watch)
+
+
+def score(trace: Trace) -> Rows:
+    """Return each metric of every seed [n].
 
     Errors in % are shares of the reference's largest departure from the start, such as a step.
     """
-    trace = rollout(policy, scenario, range(seeds), gains, watch)
     rows = measure(trace, departure(trace))
-    return trace, {name: np.array([row[name] for row in rows]) for name in rows[0]}
+    return {name: np.array([row[name] for row in rows]) for name in rows[0]}
 
 
 @cache  # cases of several claims share runs
 def metrics(policy: str, scenario: Scenario, seeds: int = 1, **gains: Any) -> Rows:
-    """Return each metric of the first seeds [n], as `run` does."""
-    return run(policy, scenario, seeds, **gains)[1]
+    """Return each metric of the first seeds [n]."""
+    return score(run(policy, scenario, seeds, **gains))
 
 
 # The uncertainty radius: the share of seeds that track, against it.

@@ -62,22 +62,18 @@ def _stiction_formula(env: TwoLinkArmVectorEnv, _policy: Any, _state: Any) -> Ar
     return np.stack([m22 * f1 - m12 * f2, m11 * f2 - m12 * f1], axis=-1) / (m11 * m22 - m12 * m12)[:, None]
 
 
+_STICTION = scenarios.get("paper-8")
+_LOAD = {"kind": "piecewise-constant", "amplitude": (50.0, 20.0)}
 _CAUSES: dict[str, tuple[str, Scenario, Any]] = {
     "parameters": ("pid-flm", scenarios.get("paper-3b"), _leakage_formula),
-    "disturbance": (
-        "cascade-flm",
-        scenarios.get("paper-8").replace(
-            friction=None, disturbance={"kind": "piecewise-constant", "amplitude": (50.0, 20.0)}
-        ),
-        _leakage_formula,
-    ),
-    "stiction": ("cascade-flm", scenarios.get("paper-8"), _stiction_formula),
+    "disturbance": ("cascade-flm", _STICTION.replace(friction=None, disturbance=_LOAD), _leakage_formula),
+    "stiction": ("cascade-flm", _STICTION, _stiction_formula),
 }
 
 
 def leakage(v: Values) -> Outcome:
     policy, scenario, formula = _CAUSES[v["cause"]]
-    trace, _ = run(policy, scenario, watch={"leakage": _leakage, "formula": formula})
+    trace = run(policy, scenario, watch={"leakage": _leakage, "formula": formula})
     simulated, computed = (trace.watched[name][trace.alive[1:]] for name in ("leakage", "formula"))
     text = f"up to {np.abs(simulated).max():.3g} rad/s^2 at {len(simulated):,} samples"
     return Outcome(np.abs(simulated - computed).max() < 1e-9, text)

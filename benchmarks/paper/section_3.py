@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from benchmarks.paper.measuring import HANGING, SEEDS, at_rate, metrics, noise, run, track_within, with_estimates
+from benchmarks.paper.measuring import HANGING, SEEDS, at_rate, metrics, noise, run, score, track_within, with_estimates
 from benchmarks.paper.outcome import Outcome, Rows, Values, diverged, number, percents
 from benchmarks.report.plot import Line, Panel
 from controllers.paper.kalman import PAPER_SIGMA
@@ -19,7 +19,7 @@ def _decay(v: Values) -> tuple[Array, float, str, Panel]:
     kp, feedforward = number(v["Kp"]), number(v["feed-forward of the acceleration"])
     duration = round(min(1.0 + 10.0 / kp, 6.0), 3)
     hanging = scenarios.get("nominal").replace(actuator=None, reference=HANGING, initial_error=0.1)
-    trace, _ = run("cascade-flm", at_rate(hanging, "10 kHz", duration=duration), kp=kp, feedforward=feedforward)
+    trace = run("cascade-flm", at_rate(hanging, "10 kHz", duration=duration), kp=kp, feedforward=feedforward)
     error = (trace.reference - trace.position)[:, 0]
     parts = error / error[0]
     outside = np.abs(parts) > 0.01
@@ -100,9 +100,9 @@ def figure_4b_settling(v: Values) -> Outcome:
 def kalman_filter(v: Values) -> Outcome:
     policy, scenario, kp = _figure_4(v)
     watch = {"error": lambda env, _, state: state.kalman.position - env.truth.position}
-    trace, rows = run(policy, scenario, SEEDS, watch, kp=kp, filtering=v["form"])
+    trace = run(policy, scenario, SEEDS, watch, kp=kp, filtering=v["form"])
     sigma = np.sqrt((trace.watched["error"] ** 2).mean(axis=(0, 2)))
-    text = f"{np.median(sigma):.3g} rad; mean tracking error {percents(rows['error_pct'])}"
+    text = f"{np.median(sigma):.3g} rad; mean tracking error {percents(score(trace)['error_pct'])}"
     return Outcome(sigma < PAPER_SIGMA, text)
 
 

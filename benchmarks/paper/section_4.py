@@ -52,18 +52,15 @@ def equation_38(v: Values) -> Outcome:
     seven, gravity = [0, 0, 1, 2, 3, 3, 4], np.array([1.0, 1.0, 1.0, 1.0, *3 * [STANDARD_GRAVITY]])
     y = regressor(*rng.normal(size=(3, 300, 2))).reshape(100, 6, 5)
     k = y[..., seven] * gravity
-    products = [_products(*(f * np.array([20.0, 15.0, 0.7, 0.5]))) for f in (1.0, ratio)]
-    x = products[0] - products[1]
+    m1, m2, L1, L2 = np.outer([20.0, 15.0, 0.7, 0.5], (1.0, ratio))
+    # The seven products of (28), real and estimated.
+    real, product = np.transpose([m1 * L1**2, m2 * L1**2, m2 * L2**2, m2 * L1 * L2, m1 * L1, m2 * L1, m2 * L2])
+    x = real - product
     solution = np.einsum("nij,nj->ni", np.linalg.pinv(k), k @ x)
-    wrong, of_product = (np.abs((solution - x) / size).max(axis=0) for size in (x, products[1]))
+    wrong, of_product = (np.abs((solution - x) / size).max(axis=0) for size in (x, product))
     text = f"rank {np.linalg.matrix_rank(k).max()}; X1 and X5 are off by {100 * wrong[0]:.3g} %, X2 and X6 by "
     text += f"{100 * wrong[1]:.3g} %, the products that follow by up to {of_product.max():.3g} times their real values"
     return Outcome(wrong[[2, 3, 6]].max() < 1e-9, text)
-
-
-def _products(m1: float, m2: float, L1: float, L2: float) -> Array:
-    """Return the seven products of (28)."""
-    return np.array([m1 * L1**2, m2 * L1**2, m2 * L2**2, m2 * L1 * L2, m1 * L1, m2 * L1, m2 * L2])
 
 
 def _ratios(env: TwoLinkArmVectorEnv, policy: Any, state: Any) -> Array:
@@ -90,7 +87,7 @@ def _estimation(v: Values, **watch: Any) -> tuple[Trace, int]:
         scenarios.get(name), v["rate"], duration=duration, friction=None if v["friction"] == "none" else STICTION,
         noise=None if v["noise"] == "none" else {"acceleration": number(v["noise"])},
     )  # fmt: skip
-    trace, _ = run(
+    trace = run(
         "adaptive-flm", scenario, SEEDS, watch, regression="printed" if v["regression"] == "(36)" else "torque",
         spacing=spacing, weakest=float(v["gate"]), total_mass=mass if v["mass"] == "known" else None,
     )  # fmt: skip
@@ -132,7 +129,7 @@ def figure_7(v: Values) -> Outcome:
         friction=_friction(law=v["law"]), actuator=None, control_dt=1e-3, duration=1.0, reference=HANGING,
         disturbance={"kind": "array", "torque": (tuple(-load),), "dt": 1.0},
     )  # fmt: skip
-    trace, _ = run("zero", scenario)
+    trace = run("zero", scenario)
     creep = np.abs(trace.position[-1, 0] - trace.position[0, 0]).max()
     return Outcome(creep == 0.0, f"moves {creep:.2g} rad")
 

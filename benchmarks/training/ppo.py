@@ -51,10 +51,8 @@ class PPO:
         self._rate, self._n_steps, self._batch, self._epochs = learning_rate, n_steps, batch_size, n_epochs
         times = np.repeat([env.decision for env in envs], [env.num_envs for env in envs])
         if not check_number("horizon", horizon, above=0) > times.max():
-            raise ValueError(
-                f"horizon must be more than the time of a decision (--period, or a step), {times.max():g} s, got "
-                f"{horizon:g}: --hyperparameters gives another"
-            )
+            least = f"more than the time of a decision (--period, or a step), {times.max():g} s"
+            raise ValueError(f"horizon must be {least}, got {horizon:g}: --hyperparameters gives another")
         self._gamma = torch.from_numpy(np.round(1.0 - times / horizon, 9)).float()  # of each lane
         self._lambda, self._clip = float(gae_lambda), float(clip_range)
         self._model = _Model(self._arms.observed, self._now.shape[1], std, hidden)

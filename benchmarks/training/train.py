@@ -19,7 +19,7 @@ from typing import Any
 from filelock import FileLock, Timeout
 
 from benchmarks.files import write_text
-from benchmarks.text import reason_of
+from benchmarks.text import refusing
 from benchmarks.training.off_policy import OffPolicy
 from benchmarks.training.ppo import PPO
 from benchmarks.training.progress import CHECKPOINT, Learner, Progress
@@ -55,10 +55,9 @@ def _train(settings: TrainingSettings, folder: Path, command: str, evaluations: 
     began = (folder / CHECKPOINT).is_file()
     old, new = (_without_length(each) for each in (read_text(run_file) if began else text, text))
     if other := [name for name in new if old.get(name) != new[name]]:
-        raise ValueError(
-            f"only steps and minutes of a run may change, not {', '.join(other)}; the run in {str(folder)!r} has "
-            f"{other[0]} {reprlib.repr(old.get(other[0]))}: give the same, or another --out"
-        )
+        has = f"the run in {str(folder)!r} has {other[0]} {reprlib.repr(old.get(other[0]))}"
+        may = f"only steps and minutes of a run may change, not {', '.join(other)}"
+        raise ValueError(f"{may}; {has}: give the same, or another --out")
 
     # Lane i draws its episodes from the stream of seed first + i.
     first = training_seeds(settings.seed)[0]
@@ -67,20 +66,16 @@ def _train(settings: TrainingSettings, folder: Path, command: str, evaluations: 
     envs = [VectorAdapter(make(x, preview=ahead(x.control_dt)), settings.adapter) for x in settings.practice]
     progress, algorithm = Progress(settings, folder, command, evaluations), settings.algorithm
     arguments, logs = settings.hyperparameters["arguments"], str(folder / "tensorboard")
-    try:
-        learner: Learner
+    learner: Learner
+    with refusing(f"hyperparameters.arguments must fit {algorithm}"):  # SB3 checks some, torch some, and neither others
         if algorithm == "ppo":
             learner = PPO(envs, first, **arguments)
         else:
             learner = OffPolicy(algorithm, ArmVecEnv(*envs), first, logs, arguments, progress)
-    except Exception as problem:  # SB3 checks some arguments, torch some, and neither others
-        raise ValueError(f"hyperparameters.arguments must fit {algorithm}: {reason_of(problem)}") from None
     write_text(run_file, text)
     if began:
-        try:
+        with refusing(f"{folder} cannot be resumed, give another --out"):  # errors of torch, pickle, zipfile or SB3
             progress.resume(learner)
-        except Exception as problem:  # of torch, pickle, zipfile or SB3
-            raise ValueError(f"{folder} cannot be resumed ({reason_of(problem)}); give another --out") from None
     if progress.fraction(learner.steps) < 1.0:
         learner.learn(progress)
         progress.pause(learner)

@@ -114,9 +114,8 @@ def _on_drawn_arm(task: Scenario, random: np.random.Generator) -> Scenario:
     arm = task.arm
     for _ in range(100):
         mass, length, rotor, strength = np.exp(random.uniform(*np.log(FACTORS.T))).reshape(4, 2)
-        links = dataclasses.replace(
-            arm, m1=arm.m1 * mass[0], m2=arm.m2 * mass[1], L1=arm.L1 * length[0], L2=arm.L2 * length[1]
-        )
+        factors = zip(("m1", "m2", "L1", "L2"), (*mass, *length), strict=True)
+        links = dataclasses.replace(arm, **{name: getattr(arm, name) * factor for name, factor in factors})
         rotor = rotor * arm.rotor * stretched_inertia(links) / stretched_inertia(arm)
         drawn = dataclasses.asdict(dataclasses.replace(links, rotor=tuple(rotor)))
         with contextlib.suppress(ValueError):

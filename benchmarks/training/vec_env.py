@@ -96,7 +96,6 @@ class ArmVecEnv(VecEnv):
         observations, _ = self._batch.reset(seed=self._seeds[0])
         self._reset_seeds()
         self._reset_options()
-        self.reset_infos = [{} for _ in range(self.num_envs)]
         return observations
 
     def step_async(self, actions: Array) -> None:
@@ -114,7 +113,6 @@ class ArmVecEnv(VecEnv):
             for info, cost in zip(infos, np.where(done, last, batch_infos["cost"]).tolist(), strict=True):
                 info["cost"] = cost
         for lane in np.flatnonzero(done):
-            self.reset_infos[lane] = {}
             infos[lane]["terminal_observation"] = batch_infos["final_obs"][lane]
         return observations, rewards.astype(np.float32), done, infos
 

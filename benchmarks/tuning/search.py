@@ -98,12 +98,6 @@ class Task:
         factory = self.policy.factory()
         return tuning_ranges(factory) if isinstance(factory, type) else {}
 
-    @property
-    def defaults(self) -> dict[str, Any]:
-        """Default value of each gain, for a file that stays the same when the defaults change."""
-        law: Any = self.policy.factory()
-        return {field.name: field.default for field in fields(law) if field.name in self.ranges}
-
     def shipped(self, *robots: str) -> dict[str, dict[str, Any]]:
         """Return the gains for classes of robots that are within the search, by policy."""
         names = [name for robot in robots for name in registry.tuned(robot) if name == f"{self.policy.name}@{robot}"]
@@ -245,19 +239,15 @@ def judge(task: Task, study: optuna.Study, candidates: int) -> list[dict[str, An
     Each verdict is kept in the study. Those of earlier runs on the task are among the answer.
     """
     trials = sorted((t for t in finished(study) if t.params), key=lambda trial: trial.value or 0.0)[:candidates]
-    verdicts = {
-        verdict["trial"]: verdict for name, verdict in study.user_attrs.items()
-        if name.startswith("judged ") and verdict["on"] == task.digest
-    }  # fmt: skip
+    prefix = f"judged on {task.digest}: "
+    verdicts = {name: verdict for name, verdict in study.user_attrs.items() if name.startswith(prefix)}
     for trial, values in {0: dict[str, float](), **{t.number: rounded(t) for t in trials}}.items():
-        if trial not in verdicts:
+        if (name := f"{prefix}{trial}") not in verdicts:
             begin = time.process_time()
             cost, diverged = task.cost(values)
-            verdicts[trial] = {
-                "trial": trial, "gains": values, "objective": cost, "diverged_pct": diverged,
-                "cpu_s": time.process_time() - begin, "on": task.digest,
-            }  # fmt: skip
-            study.set_user_attr(f"judged {trial}", verdicts[trial])
+            verdict = {"trial": trial, "gains": values, "objective": cost, "diverged_pct": diverged}
+            verdicts[name] = verdict | {"cpu_s": time.process_time() - begin}
+            study.set_user_attr(name, verdicts[name])
     return sorted(verdicts.values(), key=lambda verdict: verdict["objective"])
 
 
@@ -268,8 +258,11 @@ def summary(
     done, columns = finished(study), ("trial", "objective", "diverged_pct")
     judged = [{name: verdict[name] for name in columns} for verdict in verdicts]
     best = {"best": judged[0], "defaults": next(verdict for verdict in judged if verdict["trial"] == 0)}
+    law: Any = task.policy.factory()
+    # The file stays the same when the defaults change.
+    defaults = {field.name: field.default for field in fields(law) if field.name in task.ranges}
     return {
-        "policy": str(task.policy.parsed.code), "gains": verdicts[0]["gains"] or task.defaults,
+        "policy": str(task.policy.parsed.code), "gains": verdicts[0]["gains"] or defaults,
         "trials": task.effort(len(done), sum(t.user_attrs.get("cpu_s", 0.0) for t in done)),
         "judged": best | judging.effort(len(verdicts), sum(verdict["cpu_s"] for verdict in verdicts)),
         "ranges": {name: list(ends) for name, ends in task.ranges.items()}, "arms": task.arms, **provenance(command),
