@@ -25,7 +25,7 @@ MOTION = ("position", "velocity")  # the sensors that a model of the error coord
 _SB3, _CONTRIB = "stable_baselines3", "sb3_contrib"
 
 # Algorithms that `fbl-gym train` takes from SB3, with the package of their class.
-ALGORITHMS = {"sac": _SB3, "td3": _SB3, "tqc": _CONTRIB, "crossq": _CONTRIB}
+ALGORITHMS = {"sb3-ppo": _SB3, "sac": _SB3, "td3": _SB3, "tqc": _CONTRIB, "crossq": _CONTRIB}
 
 
 _NO_ARCHIVE = "must be an archive that stable-baselines3's save wrote"
@@ -33,7 +33,7 @@ _NO_ARCHIVE = "must be an archive that stable-baselines3's save wrote"
 
 def find_class(algorithm: str) -> Any:
     """Return the class of one of `ALGORITHMS`."""
-    return _import(algorithm, ALGORITHMS[algorithm], algorithm)
+    return _import(algorithm, ALGORITHMS[algorithm], algorithm.removeprefix("sb3-"))
 
 
 def _import(user: str, package: str, algorithm: str) -> Any:
