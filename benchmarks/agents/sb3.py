@@ -23,7 +23,7 @@ MOTION = ("position", "velocity")  # the sensors that a model of the error coord
 _SB3, _CONTRIB = "stable_baselines3", "sb3_contrib"
 
 # Algorithms that `fbl-gym train` takes from SB3, with the package of their class.
-ALGORITHMS = {"sac": _SB3, "td3": _SB3, "tqc": _CONTRIB, "crossq": _CONTRIB}
+ALGORITHMS = {"sb3-ppo": _SB3, "sac": _SB3, "td3": _SB3, "tqc": _CONTRIB, "crossq": _CONTRIB}
 
 
 _NO_ARCHIVE = "must be an archive that stable-baselines3's save wrote"
@@ -38,6 +38,7 @@ def find_class(algorithm: str, package: str = "", user: str | Path = "") -> Any:
         user: what needs the class, for errors; empty: the algorithm.
     """
     package, user = package or ALGORITHMS[algorithm], user or algorithm
+    algorithm = algorithm.removeprefix("sb3-")
     try:
         return {name.lower(): value for name, value in vars(importlib.import_module(package)).items()}[algorithm]
     except ModuleNotFoundError as problem:

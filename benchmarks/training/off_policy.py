@@ -8,6 +8,7 @@ import numpy as np
 import torch
 from stable_baselines3.common.base_class import BaseAlgorithm
 from stable_baselines3.common.callbacks import BaseCallback
+from stable_baselines3.common.on_policy_algorithm import OnPolicyAlgorithm
 
 from benchmarks.agents.network import Actor
 from benchmarks.agents.sb3 import find_class
@@ -50,19 +51,18 @@ class OffPolicy(BaseCallback):
 
     def state(self) -> dict[str, Any]:
         """Return all that `load` needs."""
-        buffer: Any = self.model.replay_buffer  # type: ignore[attr-defined]
         return {
-            "parameters": self.model.get_parameters(), "tensors": self._tensors(), "position": (buffer.pos, buffer.full),
-            "updates": self.model._n_updates, "steps": self.steps,
+            "parameters": self.model.get_parameters(), "tensors": self._tensors(), "updates": self.model._n_updates,
+            "steps": self.steps, "position": (self._buffer.pos, self._buffer.full) if self._buffer else None,
         }  # fmt: skip
 
     def load(self, state: dict[str, Any]) -> None:
         """Go on from a state; the arms begin their next episodes."""
         self.model.set_parameters(state["parameters"])
+        if self._buffer:
+            self._buffer.pos, self._buffer.full = state["position"]
         for name, tensor in self._tensors().items():
             tensor.data.copy_(state["tensors"][name])
-        buffer: Any = self.model.replay_buffer  # type: ignore[attr-defined]
-        buffer.pos, buffer.full = state["position"]
         self.model._n_updates = state["updates"]
         self.num_timesteps = self.model.num_timesteps = state["steps"]
         episode = self._env.get_attr("scenario")[0].steps
@@ -80,18 +80,29 @@ class OffPolicy(BaseCallback):
     def _on_rollout_start(self) -> None:
         self._progress.check(self)
 
+    @property
+    def _buffer(self) -> Any:
+        """The replay buffer; None: the algorithm has none."""
+        return getattr(self.model, "replay_buffer", None)
+
     def _tensors(self) -> dict[str, torch.Tensor]:
-        """Return the tensors that are no parameters: SAC's entropy and the replay buffer."""
+        """Return the tensors that are no parameters: SAC's entropy and the buffer's steps."""
         tensors = {name: getattr(self.model, name) for name in self.model._get_torch_save_params()[1]}
-        buffer = vars(self.model.replay_buffer)  # type: ignore[attr-defined]
-        arrays = {name: torch.from_numpy(array) for name, array in buffer.items() if isinstance(array, np.ndarray)}
-        return {**tensors, **arrays}
+        if not self._buffer:
+            return tensors
+        arrays = {name: array for name, array in vars(self._buffer).items() if isinstance(array, np.ndarray)}
+        return tensors | {name: torch.from_numpy(array[: self._buffer.size()]) for name, array in arrays.items()}
 
 
 def export(model: BaseAlgorithm) -> Actor:
     """Return the deterministic actor of an SB3 model whose policy is a multilayer perceptron."""
-    actor: Any = model.policy.actor
-    modules = [*actor.latent_pi, actor.mu] if hasattr(actor, "latent_pi") else [*actor.mu]
+    policy: Any = model.policy
+    if on_policy := isinstance(model, OnPolicyAlgorithm):
+        modules = [*policy.mlp_extractor.policy_net, policy.action_net]
+    elif hasattr(policy.actor, "latent_pi"):
+        modules = [*policy.actor.latent_pi, policy.actor.mu]
+    else:
+        modules = [*policy.actor.mu]
     layers: list[tuple[Array, Array]] = []
     norm: Any = None
     for module in modules:
@@ -106,7 +117,7 @@ def export(model: BaseAlgorithm) -> Actor:
                 weight, norm = weight * gain, None
             layers.append((weight, bias))
     activation = "tanh" if isinstance(modules[1], torch.nn.Tanh) else "relu"
-    return Actor(tuple(layers), activation, "tanh")
+    return Actor(tuple(layers), activation, "clip" if on_policy else "tanh")
 
 
 def _arrays(*tensors: torch.Tensor) -> tuple[Array, ...]:

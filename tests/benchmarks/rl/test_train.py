@@ -32,8 +32,11 @@ ON_POLICY = {"lanes": 4, "steps": 640, "arguments": {"n_steps": 20, "batch_size"
 OFF_POLICY = {"lanes": 4, "steps": 200, "arguments": {"learning_starts": 20, "buffer_size": 300, "learning_rate": 1e-3}}
 
 
+SB3_PPO = {"lanes": 4, "steps": 200, "arguments": {"n_steps": 10, "batch_size": 20, "learning_rate": 1e-3}}
+
+
 def settings(algorithm="ppo", **changes):
-    hyperparameters = ON_POLICY if algorithm == "ppo" else OFF_POLICY
+    hyperparameters = {"ppo": ON_POLICY, "sb3-ppo": SB3_PPO}.get(algorithm, OFF_POLICY)
     options = {"algorithm": algorithm, "scenarios": (SCENARIO,), "hyperparameters": hyperparameters, **changes}
     return TrainingSettings(**options)
 
@@ -43,7 +46,7 @@ def curve(folder):
         return [(int(row["steps"]), float(row["validation_mrad"])) for row in csv.DictReader(file)]
 
 
-@pytest.mark.parametrize("algorithm", ["ppo", "tqc"])
+@pytest.mark.parametrize("algorithm", ["ppo", "sb3-ppo", "tqc"])
 def test_a_run_writes_the_agent_that_it_validated(algorithm, tmp_path):
     train(settings(algorithm), tmp_path, command="fbl-gym train", evaluations=2)
     description, points = describe(tmp_path), curve(tmp_path)
@@ -171,7 +174,7 @@ def test_a_run_repeats_and_its_seed_and_reward_matter(tmp_path):
     assert results[0][1] != results[2][1]
 
 
-@pytest.mark.parametrize("algorithm", ["ppo", "sac"])
+@pytest.mark.parametrize("algorithm", ["ppo", "sb3-ppo", "sac"])
 def test_a_stopped_run_goes_on_and_a_finished_one_is_extended(algorithm, tmp_path, monkeypatch, capsys):
     """It is stopped at its third validation and goes on from the checkpoint of the second."""
     errors, resume, resumed, given = iter([5.0, 3.0]), Progress.resume, [], settings(algorithm)
