@@ -31,7 +31,7 @@ from typing import Any
 
 import numpy as np
 
-from controllers.composition import PARTS
+from controllers.parts import PARTS
 from fbl_gym.model.arm import ArmParameters
 from fbl_gym.reading import read_bytes
 from fbl_gym.scenarios.classes import CLASSES

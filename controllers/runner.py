@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike
 
 from controllers.name import PolicyName
 from controllers.numerics.dynamics import inverse_dynamics
-from controllers.registry import factory, make
+from controllers.registry import as_name, factory, make
 from fbl_gym.envs.robot import Robot
 from fbl_gym.interface import Interface
 from fbl_gym.model.arm import Array, inertia_matrix
@@ -94,9 +94,8 @@ class Runner:
         self._scenario = as_scenario(scenario)
         self._send = send
         self.control_dt = self._scenario.control_dt
-        policy = PolicyName.parse(policy) if isinstance(policy, str) else policy
-        build = factory(policy) if isinstance(policy, PolicyName) else policy
-        self.rows = 1 + math.ceil(getattr(build, "preview", 0.0) / self.control_dt - 1e-9)
+        policy = as_name(policy)
+        self.rows = 1 + math.ceil(getattr(factory(policy), "preview", 0.0) / self.control_dt - 1e-9)
         self._robot = Robot(self._scenario, self.rows - 1)
         self.interface = self._robot.interface
         self.policy = make(policy, self.interface)

@@ -16,13 +16,12 @@ import numpy as np
 from gymnasium.error import DependencyNotInstalled
 from numpy.typing import NDArray
 
-from controllers.base import State
+from controllers.base import State, number
 from controllers.oracles.oracle import PREVIEW, ElasticState, OracleElastic
 from controllers.oracles.true_arm import TrueArm
 from controllers.preview import Places, between
 from fbl_gym.envs.vector_env import TwoLinkArmVectorEnv
 from fbl_gym.model.arm import Array, coriolis_terms, gravity_terms, inertia_terms, inverse_dynamics, with_rotors
-from fbl_gym.records.record import number
 
 try:
     import casadi as ca

@@ -6,6 +6,7 @@ from functools import cached_property
 from typing import NamedTuple, Self
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from fbl_gym.interface import Interface
 from fbl_gym.kernel.arm import prediction
@@ -62,9 +63,10 @@ class Drive:
         """Return the torques after a long time at one [n x 2] N m."""
         return Acting(np.repeat(torque[:, None], self.whole + 1, axis=1), torque, torque)
 
-    def coming(self, queue: Array) -> list[tuple[float, Array]]:
-        """Return the torques until the next command acts, each a duration and a command [n x 2]."""
-        return [(self.rest, queue[:, -1]), *((self.dt, queue[:, k]) for k in range(self.whole - 1, -1, -1))]
+    @cached_property
+    def coming(self) -> Array:
+        """How long the torques of a queue act until the next command does, the oldest first [s]."""
+        return np.array([self.rest, *[self.dt] * self.whole])
 
     def act(self, acting: Acting, command: Array) -> Acting:
         """Return the torques after the interval that begins with a new command [n x 2] N m."""
@@ -74,30 +76,25 @@ class Drive:
         prediction.follow(commands, np.ascontiguousarray(acting.torque), self._spans, self.dt, now)
         return Acting(commands[:, : self.whole + 1], now[0], now[1])
 
-    def predict(
-        self, arm: ArmParameters, q: Array, v: Array, f: Array, torque: Array, commands: list[tuple[float, Array]]
-    ) -> tuple[Array, Array, Array]:
-        """Integrate a model under some commands, in steps of at most a control interval.
+    def predict(self, arm: ArmParameters, motion: ArrayLike, f: Array, durations: ArrayLike, commands: Array) -> Array:
+        """Return the motion of a model after some commands, in steps of at most a control interval.
 
         Args:
             arm: the model.
-            q: position at the start [n x 2] rad.
-            v: velocity at the start [n x 2] rad/s.
+            motion: position, velocity and torque on the joints at the start [3 x n x 2].
             f: acceleration that is added to that of the model [n x 2] rad/s^2.
-            torque: on the joints at the start [n x 2] N m.
-            commands: each a duration [s] and a command [n x 2] N m.
+            durations: of the commands [m] s.
+            commands: [m x n x 2] N m.
 
         Returns:
-            Position, velocity and torque at the end, [n x 2] each.
+            Position, velocity and torque at the end [3 x n x 2].
         """
-        steps = [(h / n, x) for h, x in commands for n in [math.ceil(h / self.dt - 1e-9)] for _ in range(n)]
-        motion = np.array([q, v, torque], dtype=float)
-        if steps:
-            durations, torques = np.array([h for h, _ in steps]), np.array([x for _, x in steps], dtype=float)
-            prediction.predict(
-                arm.base, np.ascontiguousarray(f, dtype=float), durations, torques, self.lag, FASTEST, motion
-            )
-        return motion[0], motion[1], motion[2]
+        counts = np.ceil(np.divide(durations, self.dt) - 1e-9).astype(int)
+        steps = np.repeat(durations / np.maximum(counts, 1), counts)
+        after = np.array(motion, dtype=float)
+        torques = np.repeat(np.asarray(commands, dtype=float), counts, axis=0)
+        prediction.predict(arm.base, np.ascontiguousarray(f, dtype=float), steps, torques, self.lag, FASTEST, after)
+        return after
 
     @cached_property
     def _spans(self) -> Array:
