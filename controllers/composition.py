@@ -217,9 +217,8 @@ def compose(law: type[TorqueLaw], *parts: str) -> type[Composed]:
     gains = [gain for part in ("", *parts) for gain in _gains(part, PARTS[part] if part else law)]
     names = [*vars(Composed), *Composed.__annotations__, *(name for name, *_ in gains)]
     if twice := [name for name, *_ in gains if names.count(name) > 1]:
-        raise ValueError(
-            f"a law with parts has a {twice[0]} of its own, so a gain of {law.__name__} needs another name"
-        )
+        own = f"a law with parts has a {twice[0]} of its own"
+        raise ValueError(f"{own}, so a gain of {law.__name__} needs another name")
     kept = {name: getattr(law, name) for name in KEPT if hasattr(law, name)}
     text = f"`{law.__name__}` with {' and '.join(parts) or 'an observer of the missing sensors'}."
     named = {"_law": law, "_parts": parts, "__module__": __name__, "__doc__": text}

@@ -163,6 +163,12 @@ class Predictor(Record):
         area = dt - self.gain * (dt - lag * gap)
         return area / (self.gain * gap)
 
+    @cached_property
+    def _late(self) -> Array:
+        """The lateness in steps of at most a control interval [m] s."""
+        count = max(math.ceil(self.lateness / self.drive.dt - 1e-9), 1)
+        return np.full(count, self.lateness / count)
+
     def motion(self, motion: dict[str, Array], f: Array, acting: Acting) -> tuple[dict[str, Array], Array]:
         """Return the motion at which a torque acts, and the torque due before it [n x 2] N m.
 
@@ -174,7 +180,8 @@ class Predictor(Record):
         arm, drive, (q, v, a) = self.interface.nominal, self.drive, motion.values()
         commands = acting.queue.swapaxes(0, 1)
         due = drive.predict(arm, [q, v, acting.torque], f, drive.coming, commands[::-1])
-        q_then, v_then, torque = drive.predict(arm, due, f, [self.lateness], commands[:1])
+        last = commands[:1].repeat(len(self._late), axis=0)
+        q_then, v_then, torque = drive.predict(arm, due, f, self._late, last)
         a = forward_dynamics(arm, q_then, v_then, torque) + (a - forward_dynamics(arm, q, v, acting.torque))
         return {"position": q_then, "velocity": v_then, "acceleration": a}, due[2]
 

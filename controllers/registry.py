@@ -109,10 +109,8 @@ def _entry(policy: str | PolicyName | Callable[..., Any]) -> _Entry:
     if name.source in _REGISTRY:
         return _REGISTRY[name.source]
     if name.form != "name":
-        raise ValueError(
-            f"policy must be a name here, got {str(name)!r}: give its class, or "
-            f"benchmarks.policies.spec.resolve({str(name)!r}).make"
-        )
+        other = f"give its class, or benchmarks.policies.spec.resolve({str(name)!r}).make"
+        raise ValueError(f"policy must be a name here, got {str(name)!r}: {other}")
     if name.source not in external():
         raise unknown("policy", name.law, names())
     factory = external()[name.source].load()
@@ -126,10 +124,9 @@ def check_gains(policy: str | PolicyName, factory: Callable[..., Any]) -> None:
     """Refuse a law with a gain whose name is one of `DECLARED`."""
     names = {field.name for field in fields(factory)} if is_dataclass(factory) else set()
     for gain in sorted(names.intersection(DECLARED)):
-        raise ValueError(
-            f"gain {gain!r} of {policy} must have another name: the name is reserved for what a policy declares of "
-            "itself (or is it a declaration? Then annotate it as ClassVar)"
-        )
+        why = "the name is reserved for what a policy declares of itself"
+        hint = "(or is it a declaration? Then annotate it as ClassVar)"
+        raise ValueError(f"gain {gain!r} of {policy} must have another name: {why} {hint}")
 
 
 def _load(entry: _Entry) -> Callable[..., Any]:
@@ -207,10 +204,8 @@ def tuned_gains(policy: str | PolicyName, robot: str = "") -> dict[str, Any]:
         return json.loads(files[robot].read_text())["gains"]
     factory(name)  # refuses an unknown law
     where = f"the class {robot}" if robot else "any class of robots"
-    raise ValueError(
-        f"{name.law} has no tuned gains for {where}: `fbl-gym tune {name.law} --class {robot or 'CLASS'}` finds some, "
-        f"for {name.law}@results/gains"
-    )
+    command = f"`fbl-gym tune {name.law} --class {robot or 'CLASS'}` finds some, for {name.law}@results/gains"
+    raise ValueError(f"{name.law} has no tuned gains for {where}: {command}")
 
 
 def make(policy: str | PolicyName | Callable[..., Any], env: Any, **gains: Any) -> Policy:

@@ -74,17 +74,12 @@ class HInfinity(TorqueLaw):
 
     needs: ClassVar[tuple[str, ...]] = ("position",)
 
-    @property
-    def dead(self) -> float:
-        """The known dead time of the loop [s]."""
-        return 0.5 * self.drive.dt + self.drive.delay + self.drive.lag
-
     @cached_property
     def controller(self) -> tuple[Array, Array, Array, Array]:
         """A [2 x 5 x 5], B [2 x 5], C [2 x 5] and D [2] of both joints, discrete."""
-        joints = []
+        joints, dead = [], 0.5 * self.drive.dt + self.drive.delay + self.drive.lag
         for w in self.bandwidth:  # type: ignore[union-attr]
-            a, b, c, _ = robust_controller(min(max(w * self.dead, LEAST), MOST))
+            a, b, c, _ = robust_controller(min(max(w * dead, LEAST), MOST))
             joints.append(cont2discrete((w * a, w * b, -c, 0.0), self.interface.control_dt, "bilinear")[:4])
         a, b, c, d = (np.array(matrix) for matrix in zip(*joints, strict=True))
         return a, b[..., 0], c[:, 0], d[:, 0, 0]

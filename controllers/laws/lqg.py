@@ -28,9 +28,7 @@ def regulator(dt: float, integral: float, position: float, velocity: float) -> A
     """
     f, g = plant(dt)
     p = solve_discrete_are(f, g, np.diag([integral, position, velocity]) ** 2, np.eye(1))
-    k = np.linalg.solve(np.eye(1) + g.T @ p @ g, g.T @ p @ f)[0]
-    k.setflags(write=False)
-    return k
+    return np.linalg.solve(np.eye(1) + g.T @ p @ g, g.T @ p @ f)[0]
 
 
 @dataclass(frozen=True)

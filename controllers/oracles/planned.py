@@ -174,4 +174,4 @@ def planned(motion: Array, dt: float, start: Array, arm: tuple[Array, ...]) -> A
     plan = np.asarray(x).reshape(-1, 8)[:, :6] * UNITS
     at = np.arange(stride * (len(plan) - 1) + 1) if solved else np.arange(0)
     k = np.minimum(at // stride, len(plan) - 2)
-    return between(plan[None], Places(k[None], k[None] + 1, dt * (at - stride * k)[None]), stride * dt)[0]
+    return between(plan[None], Places(k[None], dt * (at - stride * k)[None]), stride * dt)[0]

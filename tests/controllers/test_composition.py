@@ -21,11 +21,11 @@ LAWS = [name for name, law in CATALOGUE.items() if "access" not in law]
 def test_the_prediction_of_one_arm_has_the_bits_of_its_row_in_a_batch():
     """Alone, it is computed with floats. One arm is faster than `FASTEST`."""
     drive, (q, v, f, now, command) = Drive(0.01, 0.013, 0.01), np.random.default_rng(0).normal(size=(5, 20, 2))
-    v[3], durations, commands = 500.0, [0.003, 0.01], np.array([99.0 * command, 0.5 * command])
-    batch = drive.predict(TABLE_1, [q, v, now], f, durations, commands)
+    v[3], steps, commands = 500.0, np.array([0.003, 0.01]), np.array([99.0 * command, 0.5 * command])
+    batch = drive.predict(TABLE_1, [q, v, now], f, steps, commands)
     for i in range(len(q)):
         row = slice(i, i + 1)
-        alone = drive.predict(TABLE_1, [q[row], v[row], now[row]], f[row], durations, commands[:, row])
+        alone = drive.predict(TABLE_1, [q[row], v[row], now[row]], f[row], steps, commands[:, row])
         assert all((x == y[row]).all() and x.shape == (1, 2) for x, y in zip(alone, batch, strict=True))
 
 
