@@ -12,11 +12,12 @@ from typing import Any, ClassVar, NamedTuple, Protocol, Self, TypeAlias
 
 import numpy as np
 
-from controllers.parts.drive import Drive
+from controllers.drive import Acting, Drive  # noqa: F401 - a law imports its words from this file
+from controllers.numerics.dynamics import forward_dynamics, inverse_dynamics, winds_up
 from fbl_gym.interface import Interface
 from fbl_gym.model.arm import Array, gravity_torque, inertia_matrix
 from fbl_gym.records.checks import Pair
-from fbl_gym.records.record import Record
+from fbl_gym.records.record import Record, number, pair  # noqa: F401
 
 State: TypeAlias = Any
 """A `NamedTuple` of arrays with a row for each lane, or of such states; () for a law without."""
@@ -108,9 +109,8 @@ class Law(Record):
     def measured_motion(self, observation: Array) -> tuple[Array, Array]:
         """Return the measured position and velocity [... x 2]; zeros for an absent velocity."""
         (position,) = self.read(observation, "position")
-        if "velocity" not in self.interface.layout:
-            return position, np.zeros_like(position)
-        return position, self.read(observation, "velocity")[0]
+        known = "velocity" in self.interface.layout
+        return position, self.read(observation, "velocity")[0] if known else np.zeros_like(position)
 
     def predict(
         self, observation: Array, state: State = None, episode_start: Any = None, deterministic: bool = False
@@ -119,10 +119,8 @@ class Law(Record):
         size = self.interface.layout.size
         observation = np.asarray(observation, dtype=float)
         if observation.ndim not in (1, 2) or observation.shape[-1] != size:
-            raise ValueError(
-                f"observation must have shape ({size},) or (n, {size}), as this policy was built for, "
-                f"got {observation.shape}"
-            )
+            shapes = f"({size},) or (n, {size}), as this policy was built for"
+            raise ValueError(f"observation must have shape {shapes}, got {observation.shape}")
         batch = np.atleast_2d(observation)
         if state is None:
             state = self.initial(batch)
@@ -184,11 +182,11 @@ class TorqueLaw(Law):
         if limit.count(0.0) > self.missing:
             drives = "a drive" if self.missing else "both drives"
             raise ValueError(f"{type(self).__name__} needs {drives}, got actuator.torque_limit={limit} N m")
+        slots = ", ".join(slot.name for slot in self.interface.layout.slots)
         for sensor in self.needs:
             if sensor not in self.interface.layout:
                 raise ValueError(
-                    f"{type(self).__name__} needs a sensor of {sensor}, but the observation only has "
-                    f"{', '.join(slot.name for slot in self.interface.layout.slots)}"
+                    f"{type(self).__name__} needs a sensor of {sensor}, but the observation only has {slots}"
                 )
 
     @cached_property
@@ -217,6 +215,40 @@ class TorqueLaw(Law):
         """Return the torque [n x 2] N m that the environment makes of the action for a torque."""
         motion = self.measured_motion(observation)
         return self.interface.torque_from_action(self.interface.action_from_torque(torque, *motion), *motion)
+
+    def motion(self, observation: Array) -> tuple[Array, ...]:
+        """Return q and v as measured, and r, r' and r'' of the reference, [n x 2] each."""
+        return (*self.read(observation, "position", "velocity"), *self.reference(observation))
+
+    def reference(self, observation: Array) -> tuple[Array, ...]:
+        """Return r, r' and r'' of the reference now, [n x 2] each."""
+        return self.read(observation, "reference_position", "reference_velocity", "reference_acceleration")
+
+    @property
+    def velocity_slot(self) -> str:
+        """Slot with the velocity at an episode's start: of the sensor, or else of the reference."""
+        return "velocity" if "velocity" in self.interface.layout else "reference_velocity"
+
+    def inverse(self, q: Array, v: Array, a: Array) -> Array:
+        """Return the torque M a + C v + G of the nominal arm [n x 2] N m for an acceleration a."""
+        return inverse_dynamics(self.interface.nominal, q, v, a)
+
+    def forward(self, q: Array, v: Array, torque: Array) -> Array:
+        """Return the acceleration of the nominal arm [n x 2] rad/s^2 under a torque."""
+        return forward_dynamics(self.interface.nominal, q, v, torque)
+
+    def integrating(
+        self, q: Array, v: Array, a: Array, integral: Array, error: Array, model: Any = None, loads: Any = 0.0
+    ) -> tuple[Array, Array]:
+        """Return the torque M a + C v + G + loads [n x 2] N m, and the next integral of an error.
+
+        The integral pauses where the torque winds it up (`winds_up`). Without a model, M, C and G
+        are those of the nominal arm.
+        """
+        model = self.interface.nominal if model is None else model
+        torque = inverse_dynamics(model, q, v, a) + loads
+        pause = winds_up(self.interface, model, q, v, a, torque, error, loads)
+        return torque, integral + np.where(pause, 0.0, error * self.interface.control_dt)
 
     def holding(self, position: Array) -> Array:
         """Return the torque within the limits that holds the nominal arm still [n x 2] N m."""

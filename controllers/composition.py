@@ -8,28 +8,20 @@ from __future__ import annotations
 
 import dataclasses
 import inspect
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator
 from functools import cached_property, lru_cache
 from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 
-from controllers.base import Policy, State, TorqueLaw
+from controllers.base import Acting, Array, Policy, State, TorqueLaw
 from controllers.numerics.dynamics import forward_dynamics
-from controllers.parts.barrier import Barrier
-from controllers.parts.drive import Acting
-from controllers.parts.observers import OBSERVERS, Eso, Kalman
-from controllers.parts.predictor import Predictor
-from controllers.parts.springs import Springs
+from controllers.parts import OBSERVERS, PARTS, Barrier, Eso, Kalman, Predictor, Springs
 from controllers.preview import known_reference
 from fbl_gym.interface import Interface, clip, make_layout
-from fbl_gym.model.arm import Array
 from fbl_gym.options import SENSORS, Limits
 from fbl_gym.records.checks import check_choices
 from fbl_gym.records.record import declarations, declared, set_fields
-
-PARTS: Mapping[str, type] = {**OBSERVERS, "predictor": Predictor, "springs": Springs, "barrier": Barrier}
-"""The parts, by name."""
 
 DEFAULT = "eso"
 """The observer, with its default gains, for a sensor that is missing where no observer is named."""
@@ -45,15 +37,6 @@ class ComposedState(NamedTuple):
     memory: Array  # of the observer [n x 2 x 4]
     bend: Array  # of the springs under the reference [n x 2 x 2] rad, rad/s
     inside: State = ()  # of the law inside
-
-
-class Look(NamedTuple):
-    """All that the law inside depends on at a sample."""
-
-    seen: Array  # its observation [n x its size]
-    estimate: Array  # at this reading, the memory if none is needed [n x 2 x 4]
-    due: Array  # torque at the time when the next command acts [n x 2] N m
-    bend: Array  # of the springs with its rate [n x 2 x 2]
 
 
 class Composed(TorqueLaw):
@@ -85,17 +68,17 @@ class Composed(TorqueLaw):
         """Make the law inside and the parts, which check their gains; refuse a lack of position."""
         super().validate()
         gains = {field.name: getattr(self, field.name) for field in dataclasses.fields(self._law)}
-        inside = self._law(**{**gains, "interface": self._inner_interface()})
+        inside = self._law(**gains | {"interface": self._inner_interface()})
         observer = next((name for name in self._parts if name in OBSERVERS), DEFAULT)
-        first = {observer: self.drive.dt, "barrier": inside.interface}
         made = {
-            name: PARTS[name](first.get(name, self.interface), **self._gains(name)) for name in {observer, *self._parts}
+            name: PARTS[name](self.drive.dt if name == observer else self.interface, **self._gains(name))
+            for name in {observer, *self._parts}
         }
         parts = {f"_{name}": made.get(name) for name in ("predictor", "springs", "barrier")}
         replaced = ("position", "velocity") if observer in self._parts else ()
         measured = tuple(name for name in SENSORS if name in self.interface.layout and name not in replaced)
-        absent = [name for name in SENSORS if name in inside.interface.layout and name not in measured]
-        estimates = "predictor" in made or bool(absent)
+        needed = [name for name in SENSORS if name in inside.interface.layout]
+        estimates = "predictor" in made or not {*needed} <= {*measured}
         set_fields(self, _inside=inside, _observer=made[observer], _measured=measured, _estimates=estimates, **parts)
 
     def _inner_interface(self) -> Interface:
@@ -106,10 +89,8 @@ class Composed(TorqueLaw):
         position, velocity, acceleration, _ = self._bounds
         limits = Limits(position=position / 2, velocity=velocity / 2, acceleration=acceleration)
         layout = make_layout(sensors, limits, outer.action_limit, "", 0, len(outer.layout.reference) // 6 - 1)
-        inner = dataclasses.replace(outer, layout=layout)
-        if "predictor" in self._parts:
-            inner = dataclasses.replace(inner, delay=(0.0, 0.0), lag=(0.0, 0.0), latency=0.0)
-        return inner
+        on_time: Any = {"delay": (0.0, 0.0), "lag": (0.0, 0.0), "latency": 0.0}
+        return dataclasses.replace(outer, layout=layout, **(on_time if "predictor" in self._parts else {}))
 
     def _gains(self, part: str) -> dict[str, Any]:
         """Return the gains of a part that is named."""
@@ -125,21 +106,18 @@ class Composed(TorqueLaw):
 
     def initial(self, observation: Array) -> State:
         """Return the state: the torque holds the nominal arm still."""
-        state = self._outside(observation)
-        return state._replace(inside=self._inside.initial(self._look(observation, state).seen))
+        return self._begin(observation, self._inside.initial)
 
     def restart(self, observation: Array, state: State) -> State:
         """Return the state for the next episode, with all that the law inside has learned."""
-        fresh = self._outside(observation)
-        return fresh._replace(inside=self._inside.restart(self._look(observation, fresh).seen, state.inside))
+        return self._begin(observation, self._inside.restart, state.inside)
 
-    def _outside(self, observation: Array) -> ComposedState:
-        """Return the state at an episode's start, without that of the law inside."""
-        velocity = "velocity" if "velocity" in self.interface.layout else "reference_velocity"
-        q, v = self.read(observation, "position", velocity)
-        return ComposedState(
-            self.drive.hold(self.holding(q)), self._observer.initial(q, v), np.full((len(q), 2, 2), np.inf)
-        )
+    def _begin(self, observation: Array, begin: Callable[..., State], *learned: State) -> State:
+        """Return the state at an episode's start; `begin` returns that of the law inside."""
+        q, v = self.read(observation, "position", self.velocity_slot)
+        memory, bend = self._observer.initial(q, v), np.full((len(q), 2, 2), np.inf)
+        state = ComposedState(self.drive.hold(self.holding(q)), memory, bend)
+        return state._replace(inside=begin(self._look(observation, state)[0], *learned))
 
     def torque(self, observation: Array, state: State) -> tuple[Array, State]:
         """Return the torque [n x 2] N m and the next state."""
@@ -160,8 +138,13 @@ class Composed(TorqueLaw):
         u = forward_dynamics(self.interface.nominal, estimate[..., 0], estimate[..., 1], acting.mean)
         return torque, ComposedState(acting, self._observer.predict(estimate, u), bend, inside)
 
-    def _look(self, observation: Array, state: ComposedState) -> Look:
-        """Return all that the law inside depends on; its own state is not read."""
+    def _look(self, observation: Array, state: ComposedState) -> tuple[Array, Array, Array, Array]:
+        """Return all that the law inside depends on at a sample; its own state is not read.
+
+        These are its observation [n x its size]; the estimate at this reading, or the memory if
+        none is needed [n x 2 x 4]; the torque at the time when the next command acts [n x 2] N m;
+        and the bend of the springs with its rate [n x 2 x 2].
+        """
         estimate, due, bend = state.memory, state.acting.torque, state.bend
         if self._estimates:
             estimate = self._observer.correct(estimate, *self.read(observation, "position"))
@@ -178,7 +161,7 @@ class Composed(TorqueLaw):
         layout = self._inside.interface.layout
         signals = [motion[name] for name in SENSORS if name in layout]
         seen = np.concatenate([*signals, reference.reshape(len(reference), -1)], axis=-1)
-        return Look(clip(seen, *layout.bounds), estimate, due, bend)
+        return clip(seen, *layout.bounds), estimate, due, bend
 
 
 class Filtered:
@@ -234,9 +217,8 @@ def compose(law: type[TorqueLaw], *parts: str) -> type[Composed]:
     gains = [gain for part in ("", *parts) for gain in _gains(part, PARTS[part] if part else law)]
     names = [*vars(Composed), *Composed.__annotations__, *(name for name, *_ in gains)]
     if twice := [name for name, *_ in gains if names.count(name) > 1]:
-        raise ValueError(
-            f"a law with parts has a {twice[0]} of its own, so a gain of {law.__name__} needs another name"
-        )
+        own = f"a law with parts has a {twice[0]} of its own"
+        raise ValueError(f"{own}, so a gain of {law.__name__} needs another name")
     kept = {name: getattr(law, name) for name in KEPT if hasattr(law, name)}
     text = f"`{law.__name__}` with {' and '.join(parts) or 'an observer of the missing sensors'}."
     named = {"_law": law, "_parts": parts, "__module__": __name__, "__doc__": text}

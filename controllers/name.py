@@ -24,6 +24,7 @@ one.
 
 import json
 import re
+from collections import defaultdict
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -31,7 +32,7 @@ from typing import Any
 
 import numpy as np
 
-from controllers.composition import PARTS
+from controllers.parts import PARTS
 from fbl_gym.model.arm import ArmParameters
 from fbl_gym.reading import read_bytes
 from fbl_gym.scenarios.classes import CLASSES
@@ -84,10 +85,8 @@ class PolicyName:
     def parse(cls, text: str, origin: str = "", trusted: bool = False) -> "PolicyName":
         """Return the name that a text gives."""
         matches = ((form, re.fullmatch(code + _ENDS, text, re.DOTALL)) for form, code in FORMS.items())
-        form, found = next(
-            ((form, {"attribute": "", **match.groupdict("")}) for form, match in matches if match),
-            ("name", {"source": text, "attribute": "", "parts": "", "gains": ""}),
-        )
+        form, match = next((each for each in matches if each[1]), ("name", None))
+        found = defaultdict(str, match.groupdict("") if match else {"source": text})
         gains = found["gains"].split("@")[1:]
         tuned = gains.pop(0) if gains and gains[0] in TUNINGS else ""
         seed = int(gains.pop(0)) if form == "name" and gains and gains[0].isdecimal() else None
@@ -203,10 +202,8 @@ def stored_gains(law: str, path: str | Path) -> Path:
 def _read_gains(law: str, path: Path) -> dict[str, Any]:
     try:
         data = json.loads(read_bytes(path))
-        values = {
-            name: np.array(value) if isinstance(value, list) else float(value)
-            for name, value in data.get("gains", data).items()
-        }
+        given = data.get("gains", data).items()
+        values = {name: np.array(value) if isinstance(value, list) else float(value) for name, value in given}
     except FileNotFoundError:
         raise ValueError(f"gains of {law}: there is no file {path}; `fbl-gym tune` writes one") from None
     except (ValueError, TypeError, AttributeError, OverflowError, RecursionError) as problem:

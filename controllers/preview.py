@@ -14,7 +14,6 @@ class Places(NamedTuple):
     """Times among the samples of a motion; a row for all lanes [1 x k], or one for each [n x k]."""
 
     last: NDArray[np.int64]  # sample before each time
-    following: NDArray[np.int64]  # sample after it
     since: Array  # time since the last sample [s]
 
 
@@ -51,7 +50,7 @@ def places(dt: float, samples: int, times: Array) -> Places:
     """Return the places of times [k] or [n x k] s among samples that lie dt apart."""
     times = np.atleast_2d(times)
     last = np.clip((times / dt + 1e-9).astype(int), 0, samples - 1)
-    return Places(last, np.minimum(last + 1, samples - 1), times - last * dt)
+    return Places(last, times - last * dt)
 
 
 def between(known: Array, at: Places, dt: float) -> Array:
@@ -65,11 +64,12 @@ def between(known: Array, at: Places, dt: float) -> Array:
 
 
 @cached_njit
-def _interpolate(known: Array, last: Array, following: Array, since: Array, dt: float, motion: Array) -> None:
+def _interpolate(known: Array, last: Array, since: Array, dt: float, motion: Array) -> None:
     for lane in range(len(motion)):
         row = min(lane, len(since) - 1)
         for i in range(since.shape[1]):
-            t, now, then = since[row, i], known[lane, last[row, i]], known[lane, following[row, i]]
+            t, k = since[row, i], last[row, i]
+            now, then = known[lane, k], known[lane, min(k + 1, known.shape[1] - 1)]
             for joint in range(2):
                 r, r_dot, r_ddot = now[joint], now[joint + 2], now[joint + 4]
                 jerk = (then[joint + 4] - r_ddot) / dt if t > 0.0 else 0.0

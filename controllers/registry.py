@@ -1,7 +1,7 @@
 """The registry: policies by name.
 
-It has the built-in laws of `catalogue.py`, the policies of installed packages (entry points of the
-group `fbl_gym.policies`), and those that a program registers itself. LAW+PART, such as
+It has the built-in laws of `catalogue.toml`, the policies of installed packages (entry points of
+the group `fbl_gym.policies`), and those that a program registers itself. LAW+PART, such as
 "computed-torque+kalman+predictor", is a law composed with parts (`composition.py`). POLICY@servo
 is a built-in law, composed or not, with the gains of `tuned/servo/POLICY.json`, which are for a
 class of robots. POLICY@tuned has the gains for the class of the robot that it is made for. Where
@@ -11,6 +11,7 @@ LAW+PART has no such file, it has the gains of LAW, and the part its defaults.
 import inspect
 import json
 import sys
+import tomllib
 from collections.abc import Callable
 from dataclasses import dataclass, fields, is_dataclass
 from functools import lru_cache
@@ -18,7 +19,6 @@ from importlib import metadata
 from pathlib import Path
 from typing import Any
 
-from controllers import catalogue
 from controllers import name as naming
 from controllers.base import ACCESS, Policy
 from controllers.composition import completed, compose
@@ -37,9 +37,9 @@ ENTRY_POINTS = "fbl_gym.policies"
 @dataclass(frozen=True)
 class _Entry:
     factory: str | Callable[..., Any]
-    summary: str
-    access: str | None
-    kind: str
+    summary: str = ""
+    access: str | None = None
+    kind: str = "classical"
 
 
 _REGISTRY: dict[str, _Entry] = {}
@@ -68,9 +68,12 @@ def register(
     _REGISTRY[name] = _Entry(factory, summary, access, check_choice("kind", kind, KINDS))
 
 
-for _name, _module, _summary in catalogue.LAWS:
-    _path = f"controllers.{_module}:{_name.title().replace('-', '')}"
-    register(_name, _path, _summary, catalogue.ACCESS.get(_name, "nominal"))
+CATALOGUE = tomllib.loads(Path(__file__).with_name("catalogue.toml").read_text(encoding="utf-8"))
+"""The built-in laws by name, each with its module, its summary, and its access if not "nominal"."""
+
+for _name, _law in CATALOGUE.items():
+    _path = f"controllers.{_law['module']}:{_name.title().replace('-', '')}"
+    register(_name, _path, _law["summary"], _law.get("access", "nominal"))
 
 
 def entry_points() -> tuple[metadata.EntryPoint, ...]:
@@ -90,41 +93,40 @@ def external() -> dict[str, metadata.EntryPoint]:
     return {point.name: point for point in points if point.name not in _REGISTRY}
 
 
-def as_name(policy: str | PolicyName) -> PolicyName:
-    """Return the name that a text gives; a name is returned unchanged."""
+def as_name(policy: Any) -> Any:
+    """Return the `PolicyName` that a text gives; a name or a factory is returned unchanged."""
     return PolicyName.parse(policy) if isinstance(policy, str) else policy
 
 
-def _entry(policy: str | PolicyName) -> _Entry:
+def _entry(policy: str | PolicyName | Callable[..., Any]) -> _Entry:
     """Return a policy's entry, with its factory imported if it is composed or from a package."""
     name = as_name(policy)
+    if not isinstance(name, PolicyName):
+        return _Entry(name)
     if name.parts:
         law, summary = _entry(name.source), f"; with {' and '.join(name.parts)}"
-        return _Entry(compose(_load(law), *name.parts), law.summary + summary, None, law.kind)
+        return _Entry(compose(_load(law), *name.parts), law.summary + summary, kind=law.kind)
     if name.source in _REGISTRY:
         return _REGISTRY[name.source]
     if name.form != "name":
-        raise ValueError(
-            f"policy must be a name here, got {str(name)!r}: give its class, or "
-            f"benchmarks.policies.spec.resolve({str(name)!r}).make"
-        )
+        other = f"give its class, or benchmarks.policies.spec.resolve({str(name)!r}).make"
+        raise ValueError(f"policy must be a name here, got {str(name)!r}: {other}")
     if name.source not in external():
         raise unknown("policy", name.law, names())
     factory = external()[name.source].load()
     check_gains(name, factory)
     summary = (inspect.getdoc(factory) or "").split("\n")[0]
     kind = check_choice(f"kind of {name.source}", getattr(factory, "kind", "classical"), KINDS)
-    return _Entry(factory, summary, None, kind)
+    return _Entry(factory, summary, kind=kind)
 
 
 def check_gains(policy: str | PolicyName, factory: Callable[..., Any]) -> None:
     """Refuse a law with a gain whose name is one of `DECLARED`."""
     names = {field.name for field in fields(factory)} if is_dataclass(factory) else set()
     for gain in sorted(names.intersection(DECLARED)):
-        raise ValueError(
-            f"gain {gain!r} of {policy} must have another name: the name is reserved for what a policy declares of "
-            "itself (or is it a declaration? Then annotate it as ClassVar)"
-        )
+        why = "the name is reserved for what a policy declares of itself"
+        hint = "(or is it a declaration? Then annotate it as ClassVar)"
+        raise ValueError(f"gain {gain!r} of {policy} must have another name: {why} {hint}")
 
 
 def _load(entry: _Entry) -> Callable[..., Any]:
@@ -163,13 +165,16 @@ def access(policy: str | PolicyName | Callable[..., Any]) -> str:
 
     The policy is a name, POLICY@tuned, or a factory as `register` takes it.
     """
-    entry = _entry(policy) if isinstance(policy, str | PolicyName) else _Entry(policy, "", None, "")
+    entry = _entry(policy)
     given = entry.access or getattr(_load(entry), "access", "nominal")
     return check_choice(f"access of {_name_of(policy)}", given, ACCESS)
 
 
-def factory(policy: str | PolicyName) -> Callable[..., Any]:
-    """Return the class or function that builds a policy, called as `register` describes."""
+def factory(policy: str | PolicyName | Callable[..., Any]) -> Callable[..., Any]:
+    """Return the class or function that builds a policy, called as `register` describes.
+
+    The policy is a name, POLICY@tuned, or the class or function itself.
+    """
     return _load(_entry(policy))
 
 
@@ -199,10 +204,8 @@ def tuned_gains(policy: str | PolicyName, robot: str = "") -> dict[str, Any]:
         return json.loads(files[robot].read_text())["gains"]
     factory(name)  # refuses an unknown law
     where = f"the class {robot}" if robot else "any class of robots"
-    raise ValueError(
-        f"{name.law} has no tuned gains for {where}: `fbl-gym tune {name.law} --class {robot or 'CLASS'}` finds some, "
-        f"for {name.law}@results/gains"
-    )
+    command = f"`fbl-gym tune {name.law} --class {robot or 'CLASS'}` finds some, for {name.law}@results/gains"
+    raise ValueError(f"{name.law} has no tuned gains for {where}: {command}")
 
 
 def make(policy: str | PolicyName | Callable[..., Any], env: Any, **gains: Any) -> Policy:
@@ -225,13 +228,11 @@ def make(policy: str | PolicyName | Callable[..., Any], env: Any, **gains: Any) 
             where an oracle needs the environment.
     """
     interface = env if isinstance(env, Interface) else env.unwrapped.interface
-    tuned: dict[str, Any] = {}
-    if isinstance(policy, str | PolicyName):
-        policy = as_name(policy)
-        build, gains = completed(factory(policy), interface), policy.given_gains | gains
+    policy, tuned = as_name(policy), {}
+    build = completed(factory(policy), interface)
+    if isinstance(policy, PolicyName):
+        gains = policy.given_gains | gains
         tuned = tuned_gains(policy, interface.robot_class) if policy.tuned else {}
-    else:
-        build = completed(policy, interface)
     parameters = inspect.signature(build).parameters
     if not parameters:
         raise ValueError(f"{_name_of(policy)} makes no policy: it must take the interface as its first argument")
@@ -251,6 +252,5 @@ def make(policy: str | PolicyName | Callable[..., Any], env: Any, **gains: Any) 
 
 
 def _name_of(policy: str | PolicyName | Callable[..., Any]) -> str:
-    if isinstance(policy, str | PolicyName):
-        return as_name(policy).law
-    return getattr(policy, "__name__", repr(policy))
+    name = as_name(policy)
+    return name.law if isinstance(name, PolicyName) else getattr(name, "__name__", repr(name))

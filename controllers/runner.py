@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike
 
 from controllers.name import PolicyName
 from controllers.numerics.dynamics import inverse_dynamics
-from controllers.registry import factory, make
+from controllers.registry import as_name, factory, make
 from fbl_gym.envs.robot import Robot
 from fbl_gym.interface import Interface
 from fbl_gym.model.arm import Array, inertia_matrix
@@ -91,21 +91,17 @@ class Runner:
         max_velocity: Pair | float | None = None,
         max_interval: float | None = None,
     ) -> None:
-        self._scenario = as_scenario(scenario)
-        self._send = send
-        self.control_dt = self._scenario.control_dt
-        policy = PolicyName.parse(policy) if isinstance(policy, str) else policy
-        build = factory(policy) if isinstance(policy, PolicyName) else policy
-        self.rows = 1 + math.ceil(getattr(build, "preview", 0.0) / self.control_dt - 1e-9)
+        policy, self._scenario, self._send = as_name(policy), as_scenario(scenario), send
+        dt = self.control_dt = self._scenario.control_dt
+        self.rows = 1 + math.ceil(getattr(factory(policy), "preview", 0.0) / dt - 1e-9)
         self._robot = Robot(self._scenario, self.rows - 1)
         self.interface = self._robot.interface
         self.policy = make(policy, self.interface)
         for path in policy.gains_of_other_arms(self._scenario.arm) if isinstance(policy, PolicyName) else []:
             warnings.warn(f"{path} has the gains of another arm than that of {self._scenario.name}", stacklevel=2)
-        self._ramp_steps = max(1, math.ceil(check_number("ramp", ramp, low=0) / self.control_dt - 1e-9))
+        self._ramp_steps = max(1, math.ceil(check_number("ramp", ramp, low=0) / dt - 1e-9))
         self._max_error = check_number("max_error", max_error, above=0)
-        longest = 2 * self.control_dt if max_interval is None else max_interval
-        self._max_interval = check_number("max_interval", longest, above=self.control_dt)
+        self._max_interval = check_number("max_interval", 2 * dt if max_interval is None else max_interval, above=dt)
         self._model = _Model(self._scenario.friction or Friction(), self.interface)
         fastest = 2 * np.sqrt(self._model.acceleration * self._max_error)
         given = fastest if max_velocity is None else check_pair("max_velocity", max_velocity, above=0)
@@ -233,10 +229,8 @@ class Runner:
         rounding = 2.0 * float(np.spacing(now))  # of this time and the last one, in the clock's precision
         now, late = float(now), self._max_interval + 1e-3 * self.control_dt + rounding
         if not (math.isfinite(now) if begins else 0.0 < now - self._last <= late):
-            raise ValueError(
-                f"time must go on by at most {self._max_interval:g} s from reading to reading, "
-                f"got {now:g} s after {self._last:g} s"
-            )
+            right = f"time must go on by at most {self._max_interval:g} s from reading to reading"
+            raise ValueError(f"{right}, got {now:g} s after {self._last:g} s")
         position = motion[:2]
         if begins:
             self._begin, self._first = now, position
@@ -291,18 +285,15 @@ class Runner:
         model.go_on(position, reference, self._torque, elapsed)
         for joint in (0, 1):
             if jump[joint] > most[joint]:
-                raise ValueError(
-                    f"joint {joint + 1} is {jump[joint]:.3g} rad from its last reading, more than {most[joint]:.3g} rad "
-                    f"(max_velocity {self.max_velocity[joint]:.3g} rad/s)"
-                )
+                limit = f"{most[joint]:.3g} rad (max_velocity {self.max_velocity[joint]:.3g} rad/s)"
+                raise ValueError(f"joint {joint + 1} is {jump[joint]:.3g} rad from its last reading, more than {limit}")
             turned, left = abs(model.turned[joint]) - model.blur[joint], abs(reference[joint] - model.reference[joint])
             is_fault = turned > TURNED * self._max_error or left > LEFT * self._max_error
             if is_fault and model.same[joint] > 1 + self._lost:  # a bus may repeat a reading once
                 self._torque = model.torque[joint]  # later ones answer to a false reading
-                raise ValueError(
-                    f"joint {joint + 1} has the same reading for {model.same[joint] + 1} samples, in which its torque must "
-                    f"have turned it by {turned:.2g} rad and its reference by {left:.2g} rad: its encoder is stuck"
-                )
+                same = f"joint {joint + 1} has the same reading for {model.same[joint] + 1} samples"
+                turns = f"its torque must have turned it by {turned:.2g} rad and its reference by {left:.2g} rad"
+                raise ValueError(f"{same}, in which {turns}: its encoder is stuck")
 
 
 class _Model:

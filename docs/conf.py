@@ -52,7 +52,7 @@ PUBLIC = {
     "controllers.registry": "",
     "controllers.runner": "",
     "controllers.name": "",
-    "controllers.numerics.windup": "",
+    "controllers.numerics.dynamics": "",
     "controllers.preview": ":exclude-members: Places",
     "controllers.paper.kalman": "",
     "controllers.paper.estimator": "",

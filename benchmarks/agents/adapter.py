@@ -8,8 +8,8 @@ import numpy as np
 
 import controllers
 from controllers.base import State, TorqueLaw
-from controllers.composition import PARTS
 from controllers.name import PolicyName
+from controllers.parts import PARTS
 from fbl_gym.envs.error_scales import ErrorScales, drive_numbers
 from fbl_gym.interface import Interface
 from fbl_gym.model.arm import Array, inertia_matrix

@@ -11,7 +11,8 @@ from gymnasium.error import DependencyNotInstalled
 import controllers
 from benchmarks.run.suite import SUITES
 from benchmarks.text import reason_of, visible
-from controllers.composition import PARTS, gain_name
+from controllers.composition import gain_name
+from controllers.parts import PARTS
 from fbl_gym import Reward, Scenario, scenarios
 from fbl_gym.records.descriptions import Description, describe
 from fbl_gym.scenarios.classes import CLASSES

@@ -30,9 +30,9 @@ PACKAGES = ("benchmarks", "controllers", "fbl_gym")
 SHARED = (
     "fbl_gym/*.py", "fbl_gym/engines/*.py", "fbl_gym/envs/*.py", "fbl_gym/kernel/**/*.py", "fbl_gym/model/*.py",
     "fbl_gym/options/*.py", "fbl_gym/records/*.py", "fbl_gym/scenarios/scenario.py", "controllers/base.py",
-    "controllers/composition.py", "controllers/parts/*.py", "controllers/preview.py", "controllers/numerics/*.py",
-    "benchmarks/run/metrics.py", "benchmarks/run/rollout.py", "benchmarks/run/linearize.py", "benchmarks/run/loop.py",
-    "controllers/oracles/true_arm.py",
+    "controllers/composition.py", "controllers/parts.py", "controllers/drive.py", "controllers/preview.py",
+    "controllers/numerics/*.py", "controllers/oracles/true_arm.py", "benchmarks/run/metrics.py",
+    "benchmarks/run/rollout.py", "benchmarks/run/linearize.py", "benchmarks/run/loop.py",
 )  # fmt: skip
 """The code that every result runs through: arm, rollout, metrics, margins, and the bases of laws.
 

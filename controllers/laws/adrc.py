@@ -6,12 +6,9 @@ from typing import ClassVar, NamedTuple
 
 import numpy as np
 
-from controllers.base import Gain, State, TorqueLaw
-from controllers.numerics.dynamics import forward_dynamics, inverse_dynamics
-from controllers.parts.drive import Acting
-from controllers.parts.observers import Eso
+from controllers.base import Acting, Gain, State, TorqueLaw, pair
+from controllers.parts import Eso
 from fbl_gym.model.arm import Array, inertia_matrix
-from fbl_gym.records.record import pair
 
 
 class EsoState(NamedTuple):
@@ -61,23 +58,14 @@ class ComputedTorqueEso(TorqueLaw):
 
     def torque(self, observation: Array, state: State) -> tuple[Array, State]:
         """Return the torque [n x 2] N m, and the next state."""
-        (position,) = self.read(observation, "position")
-        r, r_dot, r_ddot = self.read(observation, "reference_position", "reference_velocity", "reference_acceleration")
-        estimate = self.observer.correct(state.memory, position)
+        r, r_dot, r_ddot = self.reference(observation)
+        estimate = self.observer.correct(state.memory, *self.read(observation, "position"))
         q, v, _, f = estimate.transpose(2, 0, 1)
         w = np.array(self.controller_bandwidth)
         torque = self.inverse(q, v, r_ddot + w**2 * (r - q) + 2.0 * w * (r_dot - v) - f)
         # The torque that acts until the next sample drives the observer.
         acting = self.drive.act(state.acting, self.interface.saturate(torque))
         return torque, EsoState(self.observer.predict(estimate, self.forward(q, v, acting.mean)), acting)
-
-    def inverse(self, q: Array, v: Array, a: Array) -> Array:
-        """Return the model's torque [n x 2] N m for an acceleration."""
-        return inverse_dynamics(self.interface.nominal, q, v, a)
-
-    def forward(self, q: Array, v: Array, torque: Array) -> Array:
-        """Return the model's acceleration [n x 2] rad/s^2 under a torque."""
-        return forward_dynamics(self.interface.nominal, q, v, torque)
 
 
 @dataclass(frozen=True)

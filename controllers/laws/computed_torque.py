@@ -5,11 +5,8 @@ from typing import ClassVar, NamedTuple
 
 import numpy as np
 
-from controllers.base import Gain, State, TorqueLaw
-from controllers.numerics.dynamics import inverse_dynamics, momentum
-from controllers.parts.drive import Acting
-from fbl_gym.model.arm import Array
-from fbl_gym.records.record import number, pair
+from controllers.base import Acting, Array, Gain, State, TorqueLaw, number, pair
+from controllers.numerics.dynamics import momentum
 
 
 @dataclass(frozen=True)
@@ -32,11 +29,11 @@ class ComputedTorque(TorqueLaw):
     def torque(self, observation: Array, state: State) -> tuple[Array, State]:
         """Return the torque [n x 2] N m; there is no state."""
         q, v = self.read(observation, "position", "velocity")
-        return inverse_dynamics(self.interface.nominal, q, v, self.acceleration(observation, q, v)), state
+        return self.inverse(q, v, self.acceleration(observation, q, v)), state
 
     def acceleration(self, observation: Array, q: Array, v: Array) -> Array:
         """Return a, the desired acceleration [n x 2] rad/s^2."""
-        r, r_dot, r_ddot = self.read(observation, "reference_position", "reference_velocity", "reference_acceleration")
+        r, r_dot, r_ddot = self.reference(observation)
         w = np.array(self.frequency)
         return r_ddot + w**2 * (r - q) + 2.0 * w * (r_dot - v)
 
@@ -74,8 +71,7 @@ class ComputedTorqueDob(ComputedTorque):
         """Return the state: no disturbance, and the torque that leaves the momentum as it is."""
         q, v = self.read(observation, "position", "velocity")
         p, drift = momentum(self.interface.nominal, q, v)
-        hold = self.drive.hold(self.holding(q))
-        return DobState(np.zeros_like(q), p, drift, hold._replace(mean=-drift))
+        return DobState(np.zeros_like(q), p, drift, self.drive.hold(self.holding(q))._replace(mean=-drift))
 
     def torque(self, observation: Array, state: State) -> tuple[Array, State]:
         """Return the torque [n x 2] N m and the next state."""
@@ -84,7 +80,7 @@ class ComputedTorqueDob(ComputedTorque):
         # d = torque + (C'v - G) - p', averaged over the interval that ends now.
         missing = state.acting.mean + 0.5 * (state.drift + drift) - (p - state.momentum) / dt
         disturbance = state.disturbance - np.expm1(-self.bandwidth * dt) * (missing - state.disturbance)
-        torque = inverse_dynamics(self.interface.nominal, q, v, self.acceleration(observation, q, v)) + disturbance
+        torque = self.inverse(q, v, self.acceleration(observation, q, v)) + disturbance
         acting = self.drive.act(state.acting, self.interface.saturate(torque))
         return torque, DobState(disturbance, p, drift, acting)
 
@@ -130,9 +126,8 @@ class ComputedTorqueTde(ComputedTorque):
     def torque(self, observation: Array, state: State) -> tuple[Array, State]:
         """Return the torque [n x 2] N m and the next state."""
         q, v, a = self.read(observation, "position", "velocity", "acceleration")
-        nominal = self.interface.nominal
         # d = d + (1 - exp(-g dt)) (torque_0 - (M a_0 + C v + G) - d)
         share = -np.expm1(-np.array(self.bandwidth) * self.interface.control_dt)
-        missed = state.missed + share * (state.acting.torque - inverse_dynamics(nominal, q, v, a) - state.missed)
-        torque = inverse_dynamics(nominal, q, v, self.acceleration(observation, q, v)) + missed
+        missed = state.missed + share * (state.acting.torque - self.inverse(q, v, a) - state.missed)
+        torque = self.inverse(q, v, self.acceleration(observation, q, v)) + missed
         return torque, TdeState(missed, self.drive.act(state.acting, self.interface.saturate(torque)))

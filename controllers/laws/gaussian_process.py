@@ -6,12 +6,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from controllers.base import Gain, State
+from controllers.base import Acting, Gain, State, number
 from controllers.laws.computed_torque import ComputedTorque
-from controllers.numerics.dynamics import inverse_dynamics
-from controllers.parts.drive import Acting
 from fbl_gym.model.arm import STANDARD_GRAVITY, Array, gravity_torque
-from fbl_gym.records.record import number
 
 COSINES = 40
 """Number of random cosines."""
@@ -77,19 +74,16 @@ class ComputedTorqueGp(ComputedTorque):
         """Return the state: torques that hold the nominal arm still, and the weights' prior."""
         n = len(observation)
         q, v = self.read(observation, "position", "velocity")
-        mean = inverse_dynamics(self.interface.nominal, q, v, np.zeros_like(v))
         prior = np.zeros((n, 2, COSINES)), np.tile(SIGNAL**2 * np.eye(COSINES), (n, 1, 1))
-        return GpState(self.drive.hold(self.holding(q))._replace(mean=mean), v, *prior)
+        acting = self.drive.hold(self.holding(q))._replace(mean=self.inverse(q, v, np.zeros_like(v)))
+        return GpState(acting, v, *prior)
 
     def torque(self, observation: Array, state: State) -> tuple[Array, State]:
         """Return the torque [n x 2] N m and the next state."""
         q, v = self.read(observation, "position", "velocity")
-        motion = self.read(observation, "reference_position", "reference_velocity", "reference_acceleration")
-        nominal, dt = self.interface.nominal, self.interface.control_dt
-        frequencies, phases = self.spectrum
-        z = np.sqrt(2.0 / COSINES) * np.cos(np.concatenate(motion, axis=-1) @ frequencies + phases)
-        last = state.velocity
-        y = (state.acting.mean - inverse_dynamics(nominal, q, 0.5 * (v + last), (v - last) / dt)) / self.weight
+        dt, last, (frequencies, phases) = self.interface.control_dt, state.velocity, self.spectrum
+        z = np.sqrt(2.0 / COSINES) * np.cos(np.concatenate(self.reference(observation), axis=-1) @ frequencies + phases)
+        y = (state.acting.mean - self.inverse(q, 0.5 * (v + last), (v - last) / dt)) / self.weight
         # The weights decay towards the prior, then the sample corrects them.
         keep = np.exp(-dt / self.memory)
         covariance = keep**2 * state.covariance + (1.0 - keep**2) * SIGNAL**2 * np.eye(COSINES)
@@ -99,6 +93,6 @@ class ComputedTorqueGp(ComputedTorque):
         weights = keep * state.weights
         weights = weights + (y - (weights @ z[:, :, None])[..., 0])[:, :, None] * gain[:, None, :]
         learned = (weights @ z[:, :, None])[..., 0]
-        torque = inverse_dynamics(nominal, q, v, self.acceleration(observation, q, v)) + self.weight * learned
+        torque = self.inverse(q, v, self.acceleration(observation, q, v)) + self.weight * learned
         acting = self.drive.act(state.acting, self.interface.saturate(torque))
         return torque, GpState(acting, v, weights, covariance)

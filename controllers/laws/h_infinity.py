@@ -9,11 +9,7 @@ from scipy.interpolate import pade
 from scipy.linalg import solve_continuous_are
 from scipy.signal import cont2discrete, tf2ss
 
-from controllers.base import Gain, State, TorqueLaw
-from controllers.numerics.dynamics import inverse_dynamics
-from controllers.numerics.windup import winds_up
-from fbl_gym.model.arm import Array
-from fbl_gym.records.record import pair
+from controllers.base import Array, Gain, State, TorqueLaw, pair
 
 INTEGRAL = 0.2
 """Zero of the weight's integral action, in multiples of the bandwidth."""
@@ -78,17 +74,12 @@ class HInfinity(TorqueLaw):
 
     needs: ClassVar[tuple[str, ...]] = ("position",)
 
-    @property
-    def dead(self) -> float:
-        """The known dead time of the loop [s]."""
-        return 0.5 * self.drive.dt + self.drive.delay + self.drive.lag
-
     @cached_property
     def controller(self) -> tuple[Array, Array, Array, Array]:
         """A [2 x 5 x 5], B [2 x 5], C [2 x 5] and D [2] of both joints, discrete."""
-        joints = []
+        joints, dead = [], 0.5 * self.drive.dt + self.drive.delay + self.drive.lag
         for w in self.bandwidth:  # type: ignore[union-attr]
-            a, b, c, _ = robust_controller(min(max(w * self.dead, LEAST), MOST))
+            a, b, c, _ = robust_controller(min(max(w * dead, LEAST), MOST))
             joints.append(cont2discrete((w * a, w * b, -c, 0.0), self.interface.control_dt, "bilinear")[:4])
         a, b, c, d = (np.array(matrix) for matrix in zip(*joints, strict=True))
         return a, b[..., 0], c[:, 0], d[:, 0, 0]
@@ -100,13 +91,11 @@ class HInfinity(TorqueLaw):
     def torque(self, observation: Array, state: State) -> tuple[Array, State]:
         """Return the torque [n x 2] N m, and the next state."""
         (q,) = self.read(observation, "position")
-        r, r_dot, r_ddot = self.read(observation, "reference_position", "reference_velocity", "reference_acceleration")
+        r, r_dot, r_ddot = self.reference(observation)
         a, b, c, d = self.controller
-        error, w, nominal = r - q, np.array(self.bandwidth), self.interface.nominal
+        error, w = r - q, np.array(self.bandwidth)
         u = (c * state.memory).sum(axis=-1) + d * error
         memory = (a * state.memory[:, :, None]).sum(axis=-1) + b * error[..., None]
-        wanted = r_ddot + w**2 * (u + INTEGRAL * w * state.integral)
-        torque = inverse_dynamics(nominal, q, r_dot, wanted)
-        pause = winds_up(self.interface, nominal, q, r_dot, wanted, torque, u)
-        integral = state.integral + np.where(pause, 0.0, u * self.interface.control_dt)
+        a = r_ddot + w**2 * (u + INTEGRAL * w * state.integral)
+        torque, integral = self.integrating(q, r_dot, a, state.integral, u)
         return torque, HInfinityState(integral, memory)

@@ -9,11 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter1d
 
-from controllers.base import Gain, State
+from controllers.base import Array, Gain, State, number
 from controllers.laws.computed_torque import ComputedTorque
-from controllers.numerics.dynamics import inverse_dynamics
-from fbl_gym.model.arm import Array
-from fbl_gym.records.record import number
 
 CAPACITY = 64
 """Samples of a trial that the state has room for at first. The room doubles when it is full."""
@@ -101,4 +98,4 @@ class ComputedTorqueIlc(ComputedTorque):
         now, e = (np.arange(len(step)), step), e.copy()
         e[now] = r - q
         a = self.acceleration(observation, q, v) + u[now]
-        return inverse_dynamics(self.interface.nominal, q, v, a), state._replace(step=step + 1, u=u, e=e)
+        return self.inverse(q, v, a), state._replace(step=step + 1, u=u, e=e)

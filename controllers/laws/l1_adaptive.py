@@ -5,12 +5,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from controllers.base import Gain, State
+from controllers.base import Acting, Array, Gain, State, pair
 from controllers.laws.computed_torque import ComputedTorque
-from controllers.numerics.dynamics import forward_dynamics, inverse_dynamics
-from controllers.parts.drive import Acting
-from fbl_gym.model.arm import Array
-from fbl_gym.records.record import pair
 
 
 class L1State(NamedTuple):
@@ -55,12 +51,11 @@ class L1Adaptive(ComputedTorque):
     def torque(self, observation: Array, state: State) -> tuple[Array, State]:
         """Return the torque [n x 2] N m and the next state."""
         q, v = self.read(observation, "position", "velocity")
-        nominal, dt, pole = self.interface.nominal, self.interface.control_dt, np.array(self.pole)
+        dt, pole = self.interface.control_dt, np.array(self.pole)
         f = -pole / np.expm1(pole * dt) * (state.predicted - v)
         filtered = state.filtered - np.expm1(-np.array(self.bandwidth) * dt) * (f - state.filtered)
-        torque = inverse_dynamics(nominal, q, v, self.acceleration(observation, q, v) - filtered)
+        torque = self.inverse(q, v, self.acceleration(observation, q, v) - filtered)
         acting = self.drive.act(state.acting, self.interface.saturate(torque))
-        u = forward_dynamics(nominal, q, v, acting.mean)
         keep = np.exp(-pole * dt)
-        predicted = v + dt * u + keep * (state.predicted - v) + (1.0 - keep) / pole * f
+        predicted = v + dt * self.forward(q, v, acting.mean) + keep * (state.predicted - v) + (1.0 - keep) / pole * f
         return torque, L1State(predicted, filtered, acting)

@@ -7,12 +7,8 @@ from typing import ClassVar
 import numpy as np
 from scipy.linalg import solve_discrete_are
 
-from controllers.base import Gain, State, TorqueLaw
-from controllers.numerics.dynamics import inverse_dynamics
-from controllers.numerics.windup import winds_up
+from controllers.base import Array, Gain, State, TorqueLaw, number, pair
 from controllers.paper.kalman import JointKalman, RobustState
-from fbl_gym.model.arm import Array
-from fbl_gym.records.record import number, pair
 
 
 def plant(dt: float) -> tuple[Array, Array]:
@@ -32,9 +28,7 @@ def regulator(dt: float, integral: float, position: float, velocity: float) -> A
     """
     f, g = plant(dt)
     p = solve_discrete_are(f, g, np.diag([integral, position, velocity]) ** 2, np.eye(1))
-    k = np.linalg.solve(np.eye(1) + g.T @ p @ g, g.T @ p @ f)[0]
-    k.setflags(write=False)
-    return k
+    return np.linalg.solve(np.eye(1) + g.T @ p @ g, g.T @ p @ f)[0]
 
 
 @dataclass(frozen=True)
@@ -85,14 +79,10 @@ class Lqg(TorqueLaw):
     def torque(self, observation: Array, state: State) -> tuple[Array, State]:
         """Return the torque [n x 2] N m and the next state."""
         y, y_ddot = self.read(observation, "position", "acceleration")
-        r, r_dot, r_ddot = self.read(observation, "reference_position", "reference_velocity", "reference_acceleration")
+        r, r_dot, r_ddot = self.reference(observation)
         kalman = self.filter.update(state.kalman, y, y_ddot)
         q, v = kalman.position, kalman.velocity
-        nominal, error = self.interface.nominal, r - y
         # e'' = r'' - a = u = -K x
         x = np.stack([state.integral, r - q, r_dot - v], axis=-1)
-        a = r_ddot + (self.gain * x).sum(axis=-1)
-        torque = inverse_dynamics(nominal, q, v, a)
-        pause = winds_up(self.interface, nominal, q, v, a, torque, error)
-        integral = state.integral + np.where(pause, 0.0, error * self.interface.control_dt)
+        torque, integral = self.integrating(q, v, r_ddot + (self.gain * x).sum(axis=-1), state.integral, r - y)
         return torque, RobustState(integral, kalman)

@@ -8,14 +8,12 @@ from typing import Any, ClassVar, NamedTuple
 import numpy as np
 from scipy.linalg import expm
 
-from controllers.base import State, TorqueLaw
+from controllers.base import Acting, State, TorqueLaw, number
 from controllers.numerics.elastic import brake, follow, move
 from controllers.numerics.regulator import ANGLES, COSINES, at_angle, design, regulator
-from controllers.parts.drive import Acting
 from controllers.preview import Places, between, known_reference, past_reference, places
 from fbl_gym.interface import clip
 from fbl_gym.model.arm import ArmParameters, Array, inertia_matrix
-from fbl_gym.records.record import number
 
 FASTEST = 0.8
 """Largest bandwidth of the filter, times a sample's length: a faster one rings."""
@@ -153,14 +151,12 @@ class LqgElastic(TorqueLaw):
 
     def initial(self, observation: Array) -> State:
         """Return the state: the springs carry the nominal arm."""
-        slot = "velocity" if "velocity" in self.interface.layout else "reference_velocity"
-        (q, v), hold = self.read(observation, "position", slot), self.holding(self.read(observation, "position")[0])
-        x = [q, v]
+        q, v = self.read(observation, "position", self.velocity_slot)
+        hold, zero, x = self.holding(q), np.zeros_like(q), [q, v]
         if len(self.springs):
             bend = hold / self.springs[0]
             x = [q, v, q + bend, v] if self.interface.encoder == "link" else [q - bend, v, q, v]
-        estimate = np.concatenate([*x, np.zeros_like(q)], axis=1)
-        zero = np.zeros_like(q)
+        estimate = np.concatenate([*x, zero], axis=1)
         return LqgState(estimate, self.drive.hold(hold), past_reference(self.interface, observation), zero, zero)
 
     def torque(self, observation: Array, state: State) -> tuple[Array, State]:
@@ -178,8 +174,7 @@ class LqgElastic(TorqueLaw):
         # Least mean squares of d without dry friction, and of the size of that friction.
         share, innovation = -math.expm1(-h / self.friction), x[:, -2:] + now * state.dry - state.mean
         mean, dry = state.mean + share * innovation, np.maximum(state.dry - share * now * innovation, 0.0)
-        coming = np.array([self.drive.rest, *[self.drive.dt] * self.drive.whole])
-        ahead, due = self.moved(x, state.acting.torque, state.acting.queue, coming)
+        ahead, due = self.moved(x, state.acting.torque, state.acting.queue, self.drive.coming)
         # The command leads this state and torque of the drives along the reference.
         d = x[:, -2:] + (now - then) * dry
         error, command = np.empty_like(x), np.empty_like(d)
@@ -283,9 +278,7 @@ class LqgElasticScheduled(LqgElastic):
 
     def decide(self, observation: Array, state: State) -> tuple[Array, Any]:
         """Return the torque [n x 2] N m, and a draft for `settle`."""
-        (careful, first), (fast, second) = (
-            law.decide(observation, each) for law, each in zip(self.both, state[:2], strict=True)
-        )
+        (careful, first), (fast, second) = (law.decide(observation, state[i]) for i, law in enumerate(self.both))
         apart = (careful - fast) / self.stretched
         weight = min(1.0, self.interface.control_dt / self.memory)
         change = state.change + weight * ((apart - state.apart) ** 2 - state.change)

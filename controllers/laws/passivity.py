@@ -1,15 +1,13 @@
-"""Passivity-based laws, whose torque is linear in parameters: Slotine and Li's, and Spong's."""
+"""Laws whose torque is linear in parameters: Slotine and Li's, Craig's and Spong's."""
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import NamedTuple
+from typing import ClassVar, NamedTuple
 
 import numpy as np
 
-from controllers.base import Gain, State, TorqueLaw
-from controllers.parts.drive import Acting
-from fbl_gym.model.arm import Array, inertia_matrix
-from fbl_gym.records.record import number, pair
+from controllers.base import Acting, Gain, State, TorqueLaw, number, pair
+from fbl_gym.model.arm import Array, inertia_matrix, regressor, with_rotors
 
 TURN = 0.05
 """Speed over which Coulomb friction changes its sign [rad/s]."""
@@ -97,8 +95,7 @@ class _Sliding(TorqueLaw):
 
     def surface(self, observation: Array) -> tuple[Array, ...]:
         """Return q, v_r, a_r and s, [n x 2] each, and Y of the lumped parameters [n x 2 x 5]."""
-        q, v = self.read(observation, "position", "velocity")
-        r, r_dot, r_ddot = self.read(observation, "reference_position", "reference_velocity", "reference_acceleration")
+        q, v, r, r_dot, r_ddot = self.motion(observation)
         slope = np.array(self.slope)
         v_r, a_r = r_dot + slope * (r - q), r_ddot + slope * (r_dot - v)
         return q, v_r, a_r, v_r - v, slotine_li_regressor(q, v, v_r, a_r)
@@ -171,8 +168,12 @@ class SlotineLi(_Sliding):
         y = np.concatenate([y, friction_regressor(v_r)], axis=-1)
         torque = self.along(y, estimate, q, a_r, s)
         change = self.rates * (np.einsum("nij,ni->nj", y, s) + prediction)
+        return torque, self.updated(estimate, change, torque)
+
+    def updated(self, estimate: Array, change: Array, torque: Array) -> Array:
+        """Return the next estimates [n x 9], from their rates of change under a torque."""
         free = np.all(self.interface.saturate(torque) == torque, axis=-1, keepdims=True)
-        return torque, np.clip(estimate + self.interface.control_dt * np.where(free, change, 0.0), *self.box)
+        return np.clip(estimate + self.interface.control_dt * np.where(free, change, 0.0), *self.box)
 
 
 @dataclass(frozen=True)
@@ -222,6 +223,47 @@ class SlotineLiComposite(SlotineLi):
         torque, estimate = self.adapt(observation, estimate, prediction)
         acting, started = self.drive.act(state.acting, self.interface.saturate(torque)), np.ones_like(state.started)
         return torque, CompositeState(estimate, q, v, w, filtered, acting, started)
+
+
+@dataclass(frozen=True)
+class ComputedTorqueAdaptive(SlotineLi):
+    """Computed torque on an estimated model, whose estimates follow the tracking error.
+
+        torque = M^ a + C^ v + G^ + friction^,    a = r'' + (slope + damping) e' + slope damping e
+        p^' = Gamma Y(q, v, q'')' M^^-1 W s,    s = e' + slope e
+
+    The error obeys s' + damping s = M^^-1 Y (p - p^). With W the diagonal of the stretched nominal
+    inertia, V = (s'W s + (p - p^)' Gamma^-1 (p - p^)) / 2 falls by damping s'W s. Parameters, box
+    and gains are those of `SlotineLi`. M^ is inverted, so p3 stays below 0.95 (p1 p2)^(1/2), which
+    keeps it positive definite.
+
+    Sensors: position, velocity and acceleration. Source: Craig, Hsu and Sastry, "Adaptive control
+    of mechanical manipulators", Int. J. Robotics Research 6(2), 1987.
+
+    Args:
+        slope, damping, adaptation, friction, reach: as in `SlotineLi`. The poles of the error are
+            -slope and -damping.
+    """
+
+    needs: ClassVar[tuple[str, ...]] = ("position", "velocity", "acceleration")
+
+    def torque(self, observation: Array, state: State) -> tuple[Array, State]:
+        """Return the torque [n x 2] N m, and the next estimates."""
+        q, v, acceleration = self.read(observation, "position", "velocity", "acceleration")
+        r, r_dot, r_ddot = self.reference(observation)
+        slope, rotor, estimate = np.array(self.slope), np.array(self.interface.nominal.rotor), state.estimate
+        s = r_dot - v + slope * (r - q)
+        a = r_ddot + slope * (r_dot - v) + self.damping * s
+        friction = friction_regressor(v)
+        y, measured = (np.concatenate([regressor(q, v, x), friction], axis=-1) for x in (a, acceleration))
+        torque = np.einsum("nij,nj->ni", y, estimate) + rotor * a
+        inertia = inertia_matrix(with_rotors(estimate[:, :5], rotor), q)
+        weighted = np.linalg.solve(inertia, (self.stretched * s)[..., None])[..., 0]
+        change = self.rates * np.einsum("nij,ni->nj", measured, weighted)
+        estimate = self.updated(estimate, change, torque)
+        most = 0.95 * np.sqrt(estimate[:, 0] * estimate[:, 1])
+        estimate[:, 2] = np.clip(estimate[:, 2], -most, most)
+        return torque, SlotineLiState(estimate)
 
 
 @dataclass(frozen=True)

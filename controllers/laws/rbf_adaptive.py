@@ -5,9 +5,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from controllers.base import Gain, State, TorqueLaw
+from controllers.base import Gain, State, TorqueLaw, number, pair
 from fbl_gym.model.arm import Array, coriolis_matrix, gravity_torque, inertia_matrix
-from fbl_gym.records.record import number, pair
 
 NODES = 6
 """Basis functions around the circle of one joint angle."""
@@ -86,8 +85,7 @@ class RbfAdaptive(TorqueLaw):
 
     def torque(self, observation: Array, state: State) -> tuple[Array, State]:
         """Return the torque [n x 2] N m, and the next weights."""
-        q, v = self.read(observation, "position", "velocity")
-        r, r_dot, r_ddot = self.read(observation, "reference_position", "reference_velocity", "reference_acceleration")
+        q, v, r, r_dot, r_ddot = self.motion(observation)
         nominal, error_rate = self.interface.nominal, np.array(self.error_rate)
         v_r, a_r = r_dot + error_rate * (r - q), r_ddot + error_rate * (r_dot - v)
         s, phi = v_r - v, features(r, r_dot, r_ddot)

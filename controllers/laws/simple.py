@@ -5,9 +5,8 @@ from typing import ClassVar
 
 import numpy as np
 
-from controllers.base import Gain, IntegralLaw, IntegralState, State, TorqueLaw
+from controllers.base import Gain, IntegralLaw, IntegralState, State, TorqueLaw, pair
 from fbl_gym.model.arm import Array, gravity_torque
-from fbl_gym.records.record import pair
 
 
 @dataclass(frozen=True)

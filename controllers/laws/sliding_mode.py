@@ -4,12 +4,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from controllers.base import Gain, IntegralLaw, IntegralState, State
+from controllers.base import Array, Gain, IntegralLaw, IntegralState, State, number, pair
 from controllers.laws.computed_torque import ComputedTorqueDob
-from controllers.numerics.dynamics import inverse_dynamics
-from controllers.numerics.windup import winds_up
-from fbl_gym.model.arm import Array
-from fbl_gym.records.record import number, pair
 
 
 @dataclass(frozen=True)
@@ -38,17 +34,14 @@ class SlidingMode(IntegralLaw):
 
     def torque(self, observation: Array, state: State) -> tuple[Array, State]:
         """Return the torque [n x 2] N m, and the next z."""
-        q, v = self.read(observation, "position", "velocity")
-        r, r_dot, r_ddot = self.read(observation, "reference_position", "reference_velocity", "reference_acceleration")
+        q, v, r, r_dot, r_ddot = self.motion(observation)
         slope, bound = np.array(self.slope), np.array(self.bound)
         s = r_dot - v + slope * (r - q)
         sign = np.sign(s) if self.layer == 0.0 else np.clip(s / self.layer, -1.0, 1.0)
         size = np.maximum(np.abs(s), self.layer)
         a = r_ddot + slope * (r_dot - v) + 1.5 * np.sqrt(bound * size) * sign + state.integral
-        torque = inverse_dynamics(self.interface.nominal, q, v, a)
-        pause = winds_up(self.interface, self.interface.nominal, q, v, a, torque, sign)
-        change = np.where(pause, 0.0, 1.1 * bound * sign * self.interface.control_dt)
-        return torque, IntegralState(state.integral + change)
+        torque, integral = self.integrating(q, v, a, state.integral, 1.1 * bound * sign)
+        return torque, IntegralState(integral)
 
 
 @dataclass(frozen=True)
@@ -80,7 +73,7 @@ class TerminalSlidingMode(ComputedTorqueDob):
 
     def acceleration(self, observation: Array, q: Array, v: Array) -> Array:
         """Return a, the desired acceleration [n x 2] rad/s^2."""
-        r, r_dot, r_ddot = self.read(observation, "reference_position", "reference_velocity", "reference_acceleration")
+        r, r_dot, r_ddot = self.reference(observation)
         w, bound, rate = np.array(self.frequency), np.array(self.bound), r_dot - v
         s = r - q + np.sign(rate) * np.abs(rate) ** self.power / w
         ahead = w / self.power * np.sign(rate) * np.abs(rate) ** (2.0 - self.power)

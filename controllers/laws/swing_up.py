@@ -7,10 +7,8 @@ from typing import ClassVar
 import numpy as np
 from scipy.linalg import solve_continuous_are
 
-from controllers.base import Gain, State, TorqueLaw
-from controllers.numerics.dynamics import inverse_dynamics
+from controllers.base import Gain, State, TorqueLaw, number, pair
 from fbl_gym.model.arm import Array, inertia_matrix
-from fbl_gym.records.record import number, pair
 
 TOP = np.array([np.pi / 2, 0.0])
 
@@ -90,12 +88,10 @@ class SwingUp(TorqueLaw):
         m = inertia_matrix(nominal, q)
         kinetic = 0.5 * np.einsum("ni,nij,nj->n", v, m, v)
         energy = kinetic + p4 * np.sin(q[:, 0]) + p5 * np.sin(q[:, 0] + q[:, 1])
-        a = np.zeros_like(q)
-        a[:, one] = (
-            -self.stiffness * x[:, one] - self.damping * v[:, one] + self.pump * v[:, other] * (energy / top - 1.0)
-        )
-        a[:, other] = -inverse_dynamics(nominal, q, v, a)[:, other] / m[:, other, other]
-        torque = inverse_dynamics(nominal, q, v, a)[:, one]
+        a, pump = np.zeros_like(q), self.pump * v[:, other] * (energy / top - 1.0)
+        a[:, one] = -self.stiffness * x[:, one] - self.damping * v[:, one] + pump
+        a[:, other] = -self.inverse(q, v, a)[:, other] / m[:, other, other]
+        torque = self.inverse(q, v, a)[:, one]
 
         below = (np.abs(np.abs(x[:, :2]) - [np.pi, 0.0]) < 0.01).all(axis=-1) & (np.abs(v) < 0.01).all(axis=-1)
         torque = np.where(below, 2.0 * top, torque)

@@ -5,14 +5,13 @@ from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 
-from controllers.base import Gain, Law, State
+from controllers.base import Gain, Law, State, number, pair
 from controllers.numerics.elastic import rate
 from controllers.numerics.regulator import ANGLES, COSINES, at_angle, design
 from controllers.oracles.true_arm import TrueArm
 from controllers.preview import known_reference, past_reference, sampled_at
 from fbl_gym.interface import Interface
 from fbl_gym.model.arm import Array, inertia_matrix, inverse_dynamics, with_rotors
-from fbl_gym.records.record import number, pair
 
 PREVIEW = 0.15
 """How far ahead the oracles that predict use the reference [s]."""

@@ -16,13 +16,12 @@ import numpy as np
 from gymnasium.error import DependencyNotInstalled
 from numpy.typing import NDArray
 
-from controllers.base import State
+from controllers.base import State, number
 from controllers.oracles.oracle import PREVIEW, ElasticState, OracleElastic
 from controllers.oracles.true_arm import TrueArm
 from controllers.preview import Places, between
 from fbl_gym.envs.vector_env import TwoLinkArmVectorEnv
 from fbl_gym.model.arm import Array, coriolis_terms, gravity_terms, inertia_terms, inverse_dynamics, with_rotors
-from fbl_gym.records.record import number
 
 try:
     import casadi as ca
@@ -175,4 +174,4 @@ def planned(motion: Array, dt: float, start: Array, arm: tuple[Array, ...]) -> A
     plan = np.asarray(x).reshape(-1, 8)[:, :6] * UNITS
     at = np.arange(stride * (len(plan) - 1) + 1) if solved else np.arange(0)
     k = np.minimum(at // stride, len(plan) - 2)
-    return between(plan[None], Places(k[None], k[None] + 1, dt * (at - stride * k)[None]), stride * dt)[0]
+    return between(plan[None], Places(k[None], dt * (at - stride * k)[None]), stride * dt)[0]

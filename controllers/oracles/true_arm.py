@@ -31,17 +31,17 @@ class TrueArm:
     gravity: float
 
     @classmethod
-    def of(cls, env: object) -> Self:
+    def of(cls, env: Any) -> Self:
         """Return the arms of an environment, single or batched."""
-        truth: Truth = env.truth  # type: ignore[attr-defined]
-        if truth.position.ndim == 1:
-            truth = Truth(**{name: np.asarray(value)[None] for name, value in vars(truth).items()})
-        scenario = env.scenario  # type: ignore[attr-defined]
-        return cls(truth, scenario, scenario.arm.gravity)
+        arm = cls(env.truth, env.scenario, env.scenario.arm.gravity)
+        return arm.of_lanes(None) if arm.truth.position.ndim == 1 else arm
 
-    def of_lanes(self, lanes: Array) -> Self:
-        """Return the arms of some lanes, in an order and as often as they are given."""
-        return replace(self, truth=Truth(**{name: value[lanes] for name, value in vars(self.truth).items()}))
+    def of_lanes(self, lanes: Array | None) -> Self:
+        """Return the arms of some lanes, in an order and as often as they are given.
+
+        None turns the one arm of a single environment into a batch.
+        """
+        return replace(self, truth=Truth(**{name: np.asarray(x)[lanes] for name, x in vars(self.truth).items()}))
 
     @property
     def elastic(self) -> bool:
@@ -113,8 +113,7 @@ class TrueArm:
     def _held(self, x: Array, h: Array, torque: Array) -> Array:
         """Return the dry friction over a step: it stops a joint if its bound allows."""
         v, h, none = x[:, self.side], np.maximum(h, 1e-9), np.zeros_like(torque)
-        bound = self.dry(v)
-        if not bound.any():
+        if not (bound := self.dry(v)).any():
             return none
         # The velocity at the end without friction, and how much friction takes away.
         free = v + h * self.rates(x, torque, none)[:, self.side]
@@ -128,13 +127,9 @@ class TrueArm:
     def _mobility(self, x: Array) -> Array:
         """Return the inverse inertia at the drives, row by row [n x 4] 1 / (kg m^2)."""
         if self.elastic:
-            return self._rotors
+            return (np.eye(2) / self.truth.rotor[..., None]).reshape(-1, 4)
         inertia = inertia_matrix(self.links, x[:, :2]) if self.scenario.link is None else self.chain(x)[0]
         return np.linalg.inv(inertia)[..., :2, :2].reshape(-1, 4)  # type: ignore[return-value]
-
-    @cached_property
-    def _rotors(self) -> Array:
-        return np.linalg.inv(self.truth.rotor[..., None] * np.eye(2)).reshape(-1, 4)  # type: ignore[return-value]
 
     def chain(self, x: Array) -> tuple[Array, Array]:
         """Return inertia [n x 4 x 4] and load [n x 4] of joints and hinges of links that bend."""

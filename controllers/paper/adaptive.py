@@ -84,25 +84,19 @@ class AdaptiveFlm(CascadeFlm):
 
     def torque(self, observation: Array, state: State) -> tuple[Array, State]:
         """Return the torque [n x 2] N m and the next state."""
-        q, v, a = self.read(observation, "position", "velocity", "acceleration")
-        return self.adapt(observation, q, v, a, state)
-
-    def adapt(
-        self, observation: Array, q: Array, v: Array, a: Array, state: AdaptiveState
-    ) -> tuple[Array, AdaptiveState]:
-        """Return the torque [n x 2] N m and the next state for a measured or estimated motion.
-
-        Position, velocity and acceleration are [n x 2]; the observation gives the reference.
-        """
+        q, v, a, kalman = self.sensed(observation, state)
         y, torques, lumped = self.sampled(q, v, a, state)
         model = with_rotors(lumped, self.interface.nominal.rotor)
         factor = schedule(v, self.alpha, self.v_s, self.scheduling)
         torque, integral = self.loops(observation, q, v, state.integral, model, factor)
+        applied = self.interface.saturate(torque) - self.loads(v)
         if self.regression == "printed":
             applied = forward_dynamics(model, q, v, torque - self.loads(v))
-        else:
-            applied = self.interface.saturate(torque) - self.loads(v)
-        return torque, AdaptiveState(integral, y, torques, state.samples + 1, applied, lumped, state.kalman)
+        return torque, AdaptiveState(integral, y, torques, state.samples + 1, applied, lumped, kalman)
+
+    def sensed(self, observation: Array, state: AdaptiveState) -> tuple[Array, Array, Array, State]:
+        """Return position, velocity and acceleration [n x 2], and the Kalman filter's state."""
+        return *self.read(observation, "position", "velocity", "acceleration"), ()  # type: ignore[return-value]
 
     def sampled(self, q: Array, v: Array, a: Array, state: AdaptiveState) -> tuple[Array, Array, Array]:
         """Return regressors, torques and estimate, with a motion [n x 2] where one is due."""
@@ -167,9 +161,8 @@ class AdaptiveRobustFlm(AdaptiveFlmScheduled, RobustFlm):
         kalman = RobustFlm.initial(self, observation).kalman
         return AdaptiveFlm.initial(self, observation)._replace(kalman=kalman)
 
-    def torque(self, observation: Array, state: State) -> tuple[Array, State]:
-        """Return the torque [n x 2] N m and the next state."""
+    def sensed(self, observation: Array, state: AdaptiveState) -> tuple[Array, Array, Array, State]:
+        """Return position and velocity of the Kalman filter, the acceleration, and its state."""
         position, acceleration = self.read(observation, "position", "acceleration")
         kalman = self.filter.update(state.kalman, position, acceleration)
-        state = state._replace(kalman=kalman)
-        return self.adapt(observation, kalman.position, kalman.velocity, acceleration, state)
+        return kalman.position, kalman.velocity, acceleration, kalman

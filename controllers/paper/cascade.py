@@ -1,15 +1,13 @@
 """The paper's cascade: an inner velocity loop and an outer position loop (§3.1)."""
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
-from controllers.base import Gain, IntegralLaw, IntegralState, State
-from controllers.numerics.dynamics import inverse_dynamics
-from controllers.numerics.windup import winds_up
-from fbl_gym.model.arm import ArmParameters, Array
+from controllers.base import Array, Gain, IntegralLaw, IntegralState, State, number, pair
 from fbl_gym.options import Friction
-from fbl_gym.records.record import Distribution, number, pair, record
+from fbl_gym.records.record import Distribution, record
 
 
 def friction_torque(friction: Friction, velocity: Array) -> Array:
@@ -62,9 +60,8 @@ class CascadeFlm(IntegralLaw):
         return torque, IntegralState(integral)
 
     def loops(
-        self, observation: Array, q: Array, v: Array, integral: Array, model: ArmParameters | Array,
-        schedule: Array | float = 1.0,
-    ) -> tuple[Array, Array]:  # fmt: skip
+        self, observation: Array, q: Array, v: Array, integral: Array, model: Any, schedule: Array | float = 1.0
+    ) -> tuple[Array, Array]:
         """Return the torque [n x 2] N m of both loops, and the next integral [n x 2].
 
         q [rad] and v [rad/s] are measured or estimated. The model is an arm, or estimated lumped
@@ -77,10 +74,7 @@ class CascadeFlm(IntegralLaw):
         if self.feedforward:
             (r_ddot,) = self.read(observation, "reference_acceleration")
             a = a + self.feedforward * (r_ddot + np.array(self.kp) * (r_dot - v))
-        loads = self.loads(v)
-        torque = inverse_dynamics(model, q, v, a) + loads
-        pause = winds_up(self.interface, model, q, v, a, torque, error, loads)
-        return torque, integral + np.where(pause, 0.0, error * self.interface.control_dt)
+        return self.integrating(q, v, a, integral, error, model, self.loads(v))
 
     def loads(self, v: Array) -> Array:
         """Return the known loads F^(v) + tau_d^ of equation (22) at a velocity, [n x 2] N m."""

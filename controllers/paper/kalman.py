@@ -6,10 +6,9 @@ from typing import ClassVar, NamedTuple
 
 import numpy as np
 
-from controllers.base import State
+from controllers.base import Array, State
 from controllers.paper.cascade import CascadeFlm
 from fbl_gym.interface import clip
-from fbl_gym.model.arm import Array
 from fbl_gym.records.record import choice, number
 
 PAPER_SIGMA = float(np.sqrt(0.1))
@@ -120,9 +119,8 @@ class JointKalman:
 
         The position [n x 2] rad is measured there, the acceleration [n x 2] rad/s^2 in the sample.
         """
-        table = (continuous_gains if self.form == "continuous" else gains)(
-            self.dt, self.acceleration_sigma, self.position_sigma
-        )
+        gains_of = continuous_gains if self.form == "continuous" else gains
+        table = gains_of(self.dt, self.acceleration_sigma, self.position_sigma)
         gain, before = table[clip(state.samples, 0, len(table) - 1)], state.samples[:, None] < 0
         # x = F x + B u
         q = state.position + self.dt * state.velocity + 0.5 * self.dt**2 * acceleration

@@ -4,11 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from controllers.base import Gain, IntegralLaw, IntegralState, State
-from controllers.numerics.dynamics import inverse_dynamics
-from controllers.numerics.windup import winds_up
-from fbl_gym.model.arm import Array
-from fbl_gym.records.record import pair
+from controllers.base import Array, Gain, IntegralLaw, IntegralState, State, pair
 
 
 @dataclass(frozen=True)
@@ -35,10 +31,8 @@ class PidFlm(IntegralLaw):
 
     def torque(self, observation: Array, state: State) -> tuple[Array, State]:
         """Return the torque [n x 2] N m, and the next integral."""
-        q, v = self.read(observation, "position", "velocity")
-        r, r_dot, r_ddot = self.read(observation, "reference_position", "reference_velocity", "reference_acceleration")
+        q, v, r, r_dot, r_ddot = self.motion(observation)
         error = r - q
         a = r_ddot + np.array(self.kp) * error + np.array(self.kd) * (r_dot - v) + np.array(self.ki) * state.integral
-        torque = inverse_dynamics(self.interface.nominal, q, v, a)
-        pause = winds_up(self.interface, self.interface.nominal, q, v, a, torque, error)
-        return torque, IntegralState(state.integral + np.where(pause, 0.0, error * self.interface.control_dt))
+        torque, integral = self.integrating(q, v, a, state.integral, error)
+        return torque, IntegralState(integral)

@@ -190,8 +190,8 @@ def test_a_name_of_the_package_wins_over_a_folder_of_that_name(folder):
 IMPORTS = """
 import importlib, sys
 from benchmarks.policies.key import LAWS, law_modules
-from controllers.catalogue import LAWS as CATALOGUE
-for module in {f"controllers.{path.partition(':')[0]}" for _, path, _ in CATALOGUE}:
+from controllers.registry import CATALOGUE
+for module in {f"controllers.{law['module']}" for law in CATALOGUE.values()}:
     for name in [name for name in sys.modules if name.startswith(LAWS[:3])]:
         del sys.modules[name]
     found = law_modules([importlib.import_module(module)])

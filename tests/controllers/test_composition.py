@@ -5,29 +5,27 @@ import pytest
 
 import controllers
 from benchmarks.policies.spec import resolve
-from controllers import catalogue
 from controllers.base import leaves
 from controllers.composition import Composed, Filtered
-from controllers.parts.barrier import Barrier
-from controllers.parts.drive import Drive
-from controllers.parts.observers import OBSERVERS
-from controllers.parts.springs import Springs
+from controllers.drive import Drive
+from controllers.parts import OBSERVERS, Barrier, Springs
+from controllers.registry import CATALOGUE
 from fbl_gym import TABLE_1, TwoLinkArmEnv, TwoLinkArmVectorEnv, scenarios
 from fbl_gym.model.arm import forward_dynamics, inverse_dynamics
 from fbl_gym.records.record import tuning_ranges
 from tests.controllers.closed_loop import broken_promises, loop, mean_error
 
-LAWS = [name for name, *_ in catalogue.LAWS if name not in catalogue.ACCESS]
+LAWS = [name for name, law in CATALOGUE.items() if "access" not in law]
 
 
 def test_the_prediction_of_one_arm_has_the_bits_of_its_row_in_a_batch():
     """Alone, it is computed with floats. One arm is faster than `FASTEST`."""
     drive, (q, v, f, now, command) = Drive(0.01, 0.013, 0.01), np.random.default_rng(0).normal(size=(5, 20, 2))
-    v[3], commands = 500.0, [(0.003, 99.0 * command), (0.01, 0.5 * command)]
-    batch = drive.predict(TABLE_1, q, v, f, now, commands)
+    v[3], steps, commands = 500.0, np.array([0.003, 0.01]), np.array([99.0 * command, 0.5 * command])
+    batch = drive.predict(TABLE_1, [q, v, now], f, steps, commands)
     for i in range(len(q)):
         row = slice(i, i + 1)
-        alone = drive.predict(TABLE_1, q[row], v[row], f[row], now[row], [(h, x[row]) for h, x in commands])
+        alone = drive.predict(TABLE_1, [q[row], v[row], now[row]], f[row], steps, commands[:, row])
         assert all((x == y[row]).all() and x.shape == (1, 2) for x, y in zip(alone, batch, strict=True))
 
 
@@ -42,9 +40,9 @@ def test_with_an_exact_model_the_prediction_is_the_true_motion(action, delay, la
     predicted, true = [], []
     for observation, state, *_ in loop(law, env, 60, seed=1):
         acting = (state or law.initial(observation[None])).acting
-        queue, present = acting.queue, acting.torque
-        q, v = law.read(observation[None], "position", "velocity")
-        predicted.append(law.drive.predict(env.interface.nominal, q, v, 0.0 * q, present, law.drive.coming(queue)))
+        now = [*law.read(observation[None], "position", "velocity"), acting.torque]
+        commands = acting.queue.swapaxes(0, 1)[::-1]
+        predicted.append(law.drive.predict(env.interface.nominal, now, 0.0 * now[0], law.drive.coming, commands))
         true.append((env.truth.position, env.truth.velocity, env.truth.applied_torque))
     predicted, true = np.array(predicted)[10 : 60 - delay, :, 0], np.array(true)[10 + delay :]
     np.testing.assert_allclose(predicted[:, :2], true[:, :2], atol=2e-5)
@@ -117,7 +115,7 @@ def test_an_observer_estimates_the_motion(name, wrong_model):
     errors = []
     for observation, state, *_ in loop(law, env, 300):
         state, truth = state or law.initial(observation[None]), env.truth
-        estimate = law._look(observation[None], state).estimate[0]
+        estimate = law._look(observation[None], state)[1][0]
         errors.append(estimate[:, :3].T - [truth.position, truth.velocity, truth.acceleration])
     position, velocity, acceleration = np.abs(errors[50:]).mean(axis=(0, 2))
     largest = {"kalman": 0.05 if wrong_model else 1e-3, "eso": 1e-3}

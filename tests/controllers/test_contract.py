@@ -12,8 +12,8 @@ from benchmarks.agents.network import Actor
 from benchmarks.policies.spec import resolve
 from benchmarks.run.contract import broken
 from benchmarks.run.rollout import rollout
-from controllers import catalogue
 from controllers.preview import reference_at
+from controllers.registry import CATALOGUE
 from fbl_gym import ArmParameters, Interface, TwoLinkArmEnv, TwoLinkArmVectorEnv
 from fbl_gym.scenarios.class_families import conditions
 from fbl_gym.scenarios.classes import CLASSES
@@ -45,7 +45,7 @@ def test_a_torque_at_a_limit_that_float32_rounds_down_lies_in_the_box():
     assert broken(resolve("pd-gravity"), scenario) == ""
 
 
-NO_ORACLES = [name for name, *_ in catalogue.LAWS if name not in catalogue.ACCESS]
+NO_ORACLES = [name for name, law in CATALOGUE.items() if "access" not in law]
 
 
 @pytest.mark.parametrize("name", NO_ORACLES)

@@ -6,6 +6,7 @@ from functools import cached_property
 from typing import NamedTuple, Self
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from fbl_gym.interface import Interface
 from fbl_gym.kernel.arm import prediction
@@ -48,23 +49,18 @@ class Drive:
         """Return the drive of an interface."""
         return cls(interface.control_dt, sum(interface.delay) / 2 + interface.latency, sum(interface.lag) / 2)
 
-    @property
-    def whole(self) -> int:
-        """Number of whole control intervals in the delay."""
-        return int(self.delay / self.dt + 1e-9)
+    @cached_property
+    def coming(self) -> Array:
+        """How long the commands of a queue act until the next one does, the oldest first [s].
 
-    @property
-    def rest(self) -> float:
-        """The delay less its whole control intervals [s]."""
-        return max(self.delay - self.whole * self.dt, 0.0)
+        The first is the delay less its whole control intervals.
+        """
+        whole = int(self.delay / self.dt + 1e-9)
+        return np.array([max(self.delay - whole * self.dt, 0.0), *[self.dt] * whole])
 
     def hold(self, torque: Array) -> Acting:
         """Return the torques after a long time at one [n x 2] N m."""
-        return Acting(np.repeat(torque[:, None], self.whole + 1, axis=1), torque, torque)
-
-    def coming(self, queue: Array) -> list[tuple[float, Array]]:
-        """Return the torques until the next command acts, each a duration and a command [n x 2]."""
-        return [(self.rest, queue[:, -1]), *((self.dt, queue[:, k]) for k in range(self.whole - 1, -1, -1))]
+        return Acting(np.repeat(torque[:, None], len(self.coming), axis=1), torque, torque)
 
     def act(self, acting: Acting, command: Array) -> Acting:
         """Return the torques after the interval that begins with a new command [n x 2] N m."""
@@ -72,36 +68,31 @@ class Drive:
         commands = np.concatenate([command[:, None], acting.queue], axis=1)
         now = np.empty((2, *command.shape))
         prediction.follow(commands, np.ascontiguousarray(acting.torque), self._spans, self.dt, now)
-        return Acting(commands[:, : self.whole + 1], now[0], now[1])
+        return Acting(commands[:, : len(self.coming)], now[0], now[1])
 
-    def predict(
-        self, arm: ArmParameters, q: Array, v: Array, f: Array, torque: Array, commands: list[tuple[float, Array]]
-    ) -> tuple[Array, Array, Array]:
-        """Integrate a model under some commands, in steps of at most a control interval.
+    def predict(self, arm: ArmParameters, motion: ArrayLike, f: Array, steps: Array, commands: Array) -> Array:
+        """Return the motion of a model after some commands, each in one step.
+
+        A command of no duration is left out.
 
         Args:
             arm: the model.
-            q: position at the start [n x 2] rad.
-            v: velocity at the start [n x 2] rad/s.
+            motion: position, velocity and torque on the joints at the start [3 x n x 2].
             f: acceleration that is added to that of the model [n x 2] rad/s^2.
-            torque: on the joints at the start [n x 2] N m.
-            commands: each a duration [s] and a command [n x 2] N m.
+            steps: duration of each command [m] s; at most a control interval is exact enough.
+            commands: [m x n x 2] N m.
 
         Returns:
-            Position, velocity and torque at the end, [n x 2] each.
+            Position, velocity and torque at the end [3 x n x 2].
         """
-        steps = [(h / n, x) for h, x in commands for n in [math.ceil(h / self.dt - 1e-9)] for _ in range(n)]
-        motion = np.array([q, v, torque], dtype=float)
-        if steps:
-            durations, torques = np.array([h for h, _ in steps]), np.array([x for _, x in steps], dtype=float)
-            prediction.predict(
-                arm.base, np.ascontiguousarray(f, dtype=float), durations, torques, self.lag, FASTEST, motion
-            )
-        return motion[0], motion[1], motion[2]
+        after, moves = np.array(motion, dtype=float), steps > 0.0
+        f, commands = np.ascontiguousarray(f, dtype=float), commands[moves]
+        prediction.predict(arm.base, f, steps[moves], commands, self.lag, FASTEST, after)
+        return after
 
     @cached_property
     def _spans(self) -> Array:
         """Duration t of older and newer command, exp(-t / lag), and its integral [2 x 3]."""
-        times = (self.rest, self.dt - self.rest)
+        times = (self.coming[0], self.dt - self.coming[0])
         keeps = [math.exp(-t / self.lag) if self.lag > 0.0 else 0.0 for t in times]
         return np.array([(t, keep, self.lag * (1.0 - keep)) for t, keep in zip(times, keeps, strict=True)])

@@ -1,1 +1,0 @@
-"""The parts of composed laws, which `composition.compose` puts around a law."""
