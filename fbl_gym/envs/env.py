@@ -11,8 +11,6 @@ from gymnasium import error
 from fbl_gym.envs.env_common import MAX_SEED, START, TaskProperties, as_actions, check_reset_options, check_seed
 from fbl_gym.kernel.batch import Truth, single
 from fbl_gym.model.arm import Array
-from fbl_gym.options import Reward
-from fbl_gym.scenarios import Scenario
 
 _LANE = np.zeros(1, dtype=np.int64)
 _SHAPE = (2,)
@@ -131,18 +129,6 @@ class TwoLinkArmEnv(TaskProperties, gym.Env[Any, Any]):
     """
 
     metadata = {"render_modes": ["human", "rgb_array"], "render_fps": 100}  # noqa: RUF012 - as in Gymnasium
-
-    def __init__(
-        self, scenario: Scenario | str | dict[str, Any] | None = None, *, action: str = "normalized",
-        reward: Reward | dict[str, Any] | None = None, preview: int = 0, past_actions: int = 0, info: bool = False,
-        context: bool = False, render_mode: str | None = None, render_size: int = 480, **options: Any,
-    ) -> None:  # fmt: skip
-        self._prepare(
-            scenario, options, reward=reward, action=action, preview=preview, past_actions=past_actions, info=info,
-            context=context, render_mode=render_mode, render_size=render_size,
-        )  # fmt: skip
-        self.observation_space = self.interface.observation_space
-        self.action_space = self.interface.action_space
 
     def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Array, dict[str, Any]]:
         """Start an episode: the first of a seed, or the next one of the same seed.

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -32,51 +33,51 @@ class TaskProperties:
     """Properties shared by the single and the vector environment.
 
     Attributes:
+        scenario: the task.
         interface: all that a policy may know.
+        layout: names, slices and units of the observation.
     """
 
+    scenario: Scenario
     interface: Interface
+    layout: Layout
+    observation_space: Any
+    action_space: Any
     metadata: dict[str, Any]
-    device = "cpu"
+    device, _lanes = "cpu", 1
+    _threads: int | None = 1
+    _episodes: Mapping[str, Any] = {}
+    """Arguments of `make_program` on the episodes of a batch."""
     _spec: EnvSpec | None = None
 
-    def _prepare(
-        self, scenario: Any, options: dict[str, Any], *, reward: Any, lanes: int = 1, threads: int | None = 1,
-        device: str = "cpu", info: bool, context: bool, render_mode: str | None, render_size: int, **task: Any,
+    def __init__(
+        self, scenario: Scenario | str | dict[str, Any] | None = None, *, action: str = "normalized",
+        reward: Reward | dict[str, Any] | None = None, preview: int = 0, past_actions: int = 0, info: bool = False,
+        context: bool = False, render_mode: str | None = None, render_size: int = 480, **options: Any,
     ) -> None:  # fmt: skip
-        """Set all that both environments have, before the first reset; `task` is of `configure`."""
         known = [field.name for field in dataclasses.fields(Scenario)]
         for name in options:
             if name not in known:  # in Python's words: TorchRL tries some options, and goes on after this error alone
                 advice = nearest(name, (*ARGUMENTS, *known))
                 raise TypeError(f"{type(self).__name__}.__init__() got an unexpected keyword argument {name!r}{advice}")
         self._reward = Reward() if reward is None else build("reward", reward, Reward)
-        self._scenario, program = configure(scenario, options, reward=self._reward, **task)
+        task = {"reward": self._reward, "action": action, "preview": preview, "past_actions": past_actions}
+        self.scenario, program = configure(scenario, options, **task, **self._episodes)
         if render_mode is not None:
             check_choice("render_mode", render_mode, self.metadata["render_modes"])
         self.render_mode = render_mode
         self._info, self._has_context = check_flag("info", info), check_flag("context", context)
         self.render_size = check_whole("render_size", render_size, low=160)
         # A film with one frame per step then runs in real time.
-        self.metadata = {**self.metadata, "render_fps": max(1, round(1.0 / self._scenario.control_dt))}
-        self.interface, self._size = program.interface, program.interface.layout.size
-        self._steps = int(program.settings["last_step"])
-        self.device = check_choice("device", device, ("cpu", "cuda"))
-        self._batch: Any = make_batch(self._scenario, program, lanes, threads, device)
+        self.metadata = {**self.metadata, "render_fps": max(1, round(1.0 / self.scenario.control_dt))}
+        self.interface, self.layout = program.interface, program.interface.layout
+        self.observation_space, self.action_space = self.interface.observation_space, self.interface.action_space
+        self._size, self._steps = self.layout.size, int(program.settings["last_step"])
+        self._batch: Any = make_batch(self.scenario, program, self._lanes, self._threads, self.device)
         self._begun = False
         self._views: list[Any] = []  # of `render.View`
-        self._constrained = self._scenario.constraints is not None
+        self._constrained = self.scenario.constraints is not None
         self._reports = info or self._constrained or render_mode == "human"
-
-    @property
-    def scenario(self) -> Scenario:
-        """Return the task."""
-        return self._scenario
-
-    @property
-    def layout(self) -> Layout:
-        """Return the names, slices and units of the observation."""
-        return self.interface.layout
 
     def _context(self) -> dict[str, Array]:
         """Return the context of each lane for an info, if it is asked for."""
