@@ -31,8 +31,7 @@ from typing import Any, ClassVar, TypeAlias
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from fbl_gym.records.checks import Pair
-from fbl_gym.records.record import Option, number, pair
+from fbl_gym.records.record import Option, Pair, number, pair
 
 Array: TypeAlias = NDArray[np.float64]
 

@@ -3,8 +3,7 @@
 from typing import Any
 
 from fbl_gym.options.sensors import SENSORS
-from fbl_gym.records.checks import Pair
-from fbl_gym.records.record import Option, number, pair
+from fbl_gym.records.record import Option, Pair, number, pair
 
 _SPRINGS = ("stiffness", "damping", "rotor_inertia", "backlash")
 

@@ -6,8 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fbl_gym.model.arm import Array
-from fbl_gym.records.checks import Pair
-from fbl_gym.records.record import Option, choice, number, pair
+from fbl_gym.records.record import Option, Pair, choice, number, pair
 
 
 class Limits(Option):

@@ -10,8 +10,7 @@ from typing import Any, ClassVar, TypeAlias
 
 import numpy as np
 
-from fbl_gym.records.checks import Pair
-from fbl_gym.records.record import Number, Numbers, Option, ends, kind, number, pair, table, whole
+from fbl_gym.records.record import Number, Numbers, Option, Pair, ends, kind, number, pair, table, whole
 
 # Joint angles that the default references stay within, one radian about hanging. The moves of
 # `MinimumJerk` then need at most 1,683 and 749 N m of any arm whose masses and lengths lie between
