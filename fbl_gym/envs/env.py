@@ -1,7 +1,5 @@
 """The single environment, `fbl_gym/TwoLinkArm-v0`."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import gymnasium as gym
@@ -200,7 +198,7 @@ class TwoLinkArmEnv(TaskProperties, gym.Env[Any, Any]):
         Raises:
             gymnasium.error.ResetNeeded: before the first `reset`.
         """
-        self._expect_begun("truth")
+        self._expect_begun("reading truth")
         return single(self._batch.truth())
 
     def render(self) -> Any:

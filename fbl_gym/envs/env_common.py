@@ -1,8 +1,7 @@
 """Code shared by the single and the vector environment: arguments, seeds, rendering, properties."""
 
-from __future__ import annotations
-
 import dataclasses
+import functools
 from collections.abc import Mapping
 from typing import Any
 
@@ -24,6 +23,11 @@ from fbl_gym.records.record import build, naming
 from fbl_gym.scenarios import Scenario, as_scenario
 
 MAX_SEED = 2**64 - 1
+"""Largest key of a random stream."""
+
+check_seed = functools.partial(check_whole, "seed", high=MAX_SEED)
+"""Return a seed as an int."""
+
 CONTEXT = ("parameters", *(VARIED.names or ()))
 """Fields of a block with all numbers that an episode draws for its arm."""
 ARGUMENTS = ("scenario", "action", "reward", "preview", "past_actions", "info", "context", "render_mode", "render_size")
@@ -92,10 +96,10 @@ class TaskProperties:
         sizes = {name: BLOCK[name].itemsize // BLOCK["step"].itemsize for name in CONTEXT}
         return tuple(f"{name}[{i}]" for name, size in sizes.items() for i in range(size))
 
-    def _expect_begun(self, name: str) -> None:
-        """Refuse to read a property before the first reset."""
+    def _expect_begun(self, doing: str) -> None:
+        """Refuse to do something before the first reset."""
         if not self._begun:
-            raise error.ResetNeeded(f"call reset() before reading {name}: no episode has begun")
+            raise error.ResetNeeded(f"call reset() before {doing}: no episode has begun")
 
     def state(self) -> Any:
         """Return a copy of the state of all arms, with their drives, sensors and episodes.
@@ -103,7 +107,7 @@ class TaskProperties:
         Raises:
             gymnasium.error.ResetNeeded: before the first `reset`.
         """
-        self._expect_begun("state()")
+        self._expect_begun("reading state()")
         return self._batch.state()
 
     def set_state(self, state: Any) -> None:
@@ -128,8 +132,7 @@ class TaskProperties:
                 f"filtered-steps, and this reference is {self.scenario.reference.kind}"
             )
         starts = {name: self._as_start(name, value)[lanes] for name, value in given.items()}
-        if starts:
-            self._batch.give(lanes, starts)
+        self._batch.give(lanes, starts)
 
     def _as_start(self, name: str, value: Any) -> Array:
         """Return an option of `reset` for all lanes, [lanes x 2] or [lanes x points x 2]."""
@@ -151,8 +154,7 @@ class TaskProperties:
         if self.render_mode is None:
             logger.warn('render() draws nothing without a render_mode: gym.make(..., render_mode="rgb_array")')
             return []
-        if not self._begun:
-            raise error.ResetNeeded("call reset() before the first render()")
+        self._expect_begun("the first render()")
         if not self._views:
             from fbl_gym.view.render import View
 
@@ -237,14 +239,6 @@ def make_batch(scenario: Scenario, program: Program, lanes: int, threads: int | 
     return MuJoCoBatch(scenario, program, lanes)
 
 
-def check_seed(seed: Any) -> int:
-    """Return a seed as an int that fits the key of a random stream."""
-    value = check_whole("seed", seed)
-    if value > MAX_SEED:
-        raise ValueError(f"seed must be below 2**64, got {value}")
-    return value
-
-
 START = ("position", "velocity", "reference")
 """The options of `reset` that say where an episode starts."""
 
@@ -258,8 +252,7 @@ def check_reset_options(options: dict[str, Any] | None, known: tuple[str, ...]) 
 def as_actions(action: Any, shape: tuple[int, ...]) -> Array:
     """Return actions as an array of real numbers; refuse another shape."""
     array = np.asarray(action)
-    if array.dtype.kind not in "fiu":
-        raise ValueError(f"action must be numbers of shape {shape}, got {action!r}")
-    if array.shape != shape:
-        raise ValueError(f"action must have shape {shape}, got shape {array.shape}")
+    if array.dtype.kind not in "fiu" or array.shape != shape:
+        given = f"shape {array.shape}" if array.dtype.kind in "fiu" else repr(action)
+        raise ValueError(f"action must be numbers of shape {shape}, got {given}")
     return array

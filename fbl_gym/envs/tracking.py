@@ -1,7 +1,5 @@
 """The environments `fbl_gym/TwoLinkArmTracking-v0`, on which agents learn with default settings."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

@@ -1,9 +1,7 @@
 """The vector environment: many arms of one scenario, stepped together."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from gymnasium import error
@@ -16,9 +14,6 @@ from fbl_gym.envs.side_by_side import side_by_side
 from fbl_gym.kernel.batch import Flags, Truth
 from fbl_gym.model.arm import Array
 from fbl_gym.records.checks import check_choice, check_whole
-
-if TYPE_CHECKING:
-    from fbl_gym.view.render import Frame
 
 _AUTORESET = (AutoresetMode.DISABLED, AutoresetMode.NEXT_STEP, AutoresetMode.SAME_STEP)
 """The modes, in the order of their numbers in the kernel."""
@@ -141,8 +136,7 @@ class TwoLinkArmVectorEnv(TaskProperties, VectorEnv[Array, Array, Array]):
         """
         if self.device == "cpu":
             actions = as_actions(actions, (self.num_envs, 2))
-        if not self._begun:
-            raise error.ResetNeeded("call reset() before the first step()")
+        self._expect_begun("the first step()")
         batch = self._batch
         observations = batch.observations()
         self._refuse(batch.step(actions, observations), actions)
@@ -198,7 +192,7 @@ class TwoLinkArmVectorEnv(TaskProperties, VectorEnv[Array, Array, Array]):
     @property
     def truth(self) -> Truth:
         """Return the true parameters and signals of every lane now. A policy must not use them."""
-        self._expect_begun("truth")
+        self._expect_begun("reading truth")
         return self._batch.truth()
 
     def true_signals(self) -> dict[str, Array]:
@@ -207,10 +201,10 @@ class TwoLinkArmVectorEnv(TaskProperties, VectorEnv[Array, Array, Array]):
         They are `position`, `velocity`, `reference`, `applied_torque` and `disturbance`,
         [lanes x 2], and `payload`, [lanes].
         """
-        self._expect_begun("true_signals")
+        self._expect_begun("reading true_signals")
         return self._batch.true_signals()
 
-    def render(self) -> tuple[Frame, ...] | None:
+    def render(self) -> tuple[NDArray[np.uint8], ...] | None:
         """Return the frame of each lane, [size x size x 3]; see `TwoLinkArmEnv.render`."""
         views = self._shown_views()
         if not views:

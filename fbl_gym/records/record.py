@@ -82,6 +82,8 @@ class Record:
         kind: the record's name in plain data, for records that take turns in one field.
     """
 
+    kind: str
+
     def __post_init__(self) -> None:
         for name, declaration in declarations(type(self)).items():  # type: ignore[arg-type]
             value = getattr(self, name)
@@ -97,7 +99,8 @@ class Record:
 class Option(Record):
     """Base of the records of a task, from whose declarations the kernel's memory follows.
 
-    Its subclasses are frozen dataclasses without a decorator.
+    Its subclasses are frozen dataclasses without a decorator. The argument `kind` of a class, such
+    as `class Drop(Option, kind="drop")`, declares its field `kind`.
 
     The kernel gets each field that declares `kernel`, the name of its number there: from a setting,
     or, if it varies, from a row of a block, which each episode fills. `pack` writes other numbers.
@@ -110,7 +113,9 @@ class Option(Record):
     derived: ClassVar[Mapping[str, Any]] = {}
     drawn: ClassVar[Mapping[str, Any]] = {}
 
-    def __init_subclass__(cls) -> None:
+    def __init_subclass__(cls, kind: str | None = None) -> None:
+        if kind is not None:
+            cls.kind, cls.__annotations__["kind"] = choice(kind, (kind,)), str
         dataclass(frozen=True)(cls)
 
     def check(self, scenario: Any) -> None:
@@ -194,11 +199,6 @@ def one_of(classes: tuple[type, ...], default: Any = MISSING) -> Any:
     """Declare one of several records with a field `kind`, given as itself, a dict or its kind."""
     form = "a dict with a kind of " + _names(cls.kind for cls in classes)  # type: ignore[attr-defined]
     return declared(default, functools.partial(build_kind, classes=classes), form, classes=classes)
-
-
-def kind(name: str) -> Any:
-    """Declare the field that names the kind of a record in plain data."""
-    return choice(name, (name,))
 
 
 def _names(known: Iterable[str]) -> str:
@@ -352,9 +352,7 @@ def build_kind(name: str, value: object, classes: tuple[type, ...]) -> Any:
     if not isinstance(value, Mapping) or "kind" not in value:
         known = ", ".join(sorted(by_kind))
         raise ValueError(f"{name} must be one of its records, or a dict with a 'kind' of {known}, got {value!r}")
-    if not isinstance(value["kind"], str) or value["kind"] not in by_kind:
-        raise checks.unknown(f"kind of {name}", value["kind"], by_kind)
-    return build(name, value, by_kind[value["kind"]])
+    return build(name, value, by_kind[checks.check_choice(f"kind of {name}", value["kind"], by_kind)])
 
 
 def merged(base: Any, changes: Any) -> Any:
