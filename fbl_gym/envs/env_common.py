@@ -80,8 +80,7 @@ class TaskProperties:
         self._batch: Any = make_batch(self.scenario, program, self._lanes, self._threads, self.device)
         self._begun = False
         self._views: list[Any] = []  # of `render.View`
-        self._constrained = self.scenario.constraints is not None
-        self._reports = info or self._constrained or render_mode == "human"
+        self._reports = info or self.scenario.constraints is not None or render_mode == "human"
 
     def _context(self) -> dict[str, Array]:
         """Return the context of each lane for an info, if it is asked for."""
@@ -163,7 +162,7 @@ class TaskProperties:
 
     def _measures(self) -> dict[str, Array]:
         """Return the quantities of the last step that go into its info, of each lane."""
-        costs = {"cost": self._batch.field("cost")} if self._constrained else {}
+        costs = {} if self.scenario.constraints is None else {"cost": self._batch.field("cost")}
         if not self._info:
             return costs
         error, command = np.split(self._batch.field("judged"), 2, axis=-1)
