@@ -143,9 +143,7 @@ class TwoLinkArmEnv(TaskProperties, gym.Env[Any, Any]):
         """
         check_reset_options(options, START)
         self._give_start(_LANE, options)
-        if seed is not None:
-            seed = check_seed(seed)
-        super().reset(seed=seed)
+        super().reset(seed=None if seed is None else check_seed(seed))
         if seed is not None or not self._begun:
             new_seed = self.np_random.integers(MAX_SEED, dtype=np.uint64) if seed is None else np.uint64(seed)
             self._batch.seed(_LANE, new_seed)
