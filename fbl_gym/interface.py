@@ -4,8 +4,6 @@ A policy is built from an `Interface`: the nominal model, the observation's layo
 torque limits and the meaning of an action. It never sees the real arm.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -64,11 +62,6 @@ class Slot:
     unit: str
     bound: tuple[float, ...]
 
-    @property
-    def slice(self) -> slice:
-        """Return the slice of the entries."""
-        return slice(self.start, self.start + self.size)
-
 
 @dataclass(frozen=True)
 class Layout:
@@ -94,7 +87,7 @@ class Layout:
 
     @cached_property
     def _slices(self) -> dict[str, slice]:
-        return {slot.name: slot.slice for slot in self.slots}
+        return {slot.name: slice(slot.start, slot.start + slot.size) for slot in self.slots}
 
     @cached_property
     def size(self) -> int:
@@ -250,9 +243,8 @@ def make_layout(
     parts += [(f"reference_{name}", *each) for name, each in motion.items()]
     parts.append(("previous_actions", action_limit * past_actions, action_unit))
     parts.append(("preview", (position + velocity + acceleration) * preview, "rad, rad/s, rad/s^2"))
-    slots, start = [], 0
+    slots: list[Slot] = []
     for name, bound, unit in parts:
         if bound:
-            slots.append(Slot(name, start, len(bound), unit, bound))
-        start += len(bound)
+            slots.append(Slot(name, sum(slot.size for slot in slots), len(bound), unit, bound))
     return Layout(tuple(slots))

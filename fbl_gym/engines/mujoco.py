@@ -9,11 +9,9 @@ MuJoCo's springs have no gap. The difference to a spring with backlash is theref
 held over each of MuJoCo's steps, taken at the stretch expected in the step's middle.
 """
 
-from __future__ import annotations
-
 import copy
 import dataclasses
-from typing import Any
+from typing import Any, Self
 
 import mujoco
 import numpy as np
@@ -189,9 +187,9 @@ class _Arm:
         if self._scenario.link is not None:
             values[self._bends] = bends
 
-    def changed(self, real: np.void) -> _Arm:
+    def changed(self, real: np.void) -> Self:
         """Return an arm of other parameters in the state of this one."""
-        arm = _Arm(self._scenario, real)
+        arm = type(self)(self._scenario, real)
         arm._data.qpos[:], arm._data.qvel[:] = self._data.qpos, self._data.qvel
         return arm
 
@@ -199,13 +197,10 @@ class _Arm:
         """Hold torques for a number of MuJoCo's steps, from velocities as in `_VELOCITIES` on."""
         model, data = self._model, self._data
         self._set(data.qvel, *velocities)
-        if not self._gap.any():
-            self._push(torque, load)
-            mujoco.mj_step(model, data, steps)
-            return
-        for _ in range(steps):
-            self._push(torque, load, 0.5 * model.opt.timestep)
-            mujoco.mj_step(model, data)
+        times, ahead = (steps, 0.5 * model.opt.timestep) if self._gap.any() else (1, 0.0)
+        for _ in range(times):
+            self._push(torque, load, ahead)
+            mujoco.mj_step(model, data, steps // times)
 
     def _push(self, torque: Array, load: Array, ahead: float = 0.0) -> None:
         """Apply torques of drives, loads on links, and the difference that a gap makes to springs.

@@ -1,7 +1,5 @@
 """The single environment, `fbl_gym/TwoLinkArm-v0`."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import gymnasium as gym
@@ -11,8 +9,6 @@ from gymnasium import error
 from fbl_gym.envs.env_common import MAX_SEED, START, TaskProperties, as_actions, check_reset_options, check_seed
 from fbl_gym.kernel.batch import Truth, single
 from fbl_gym.model.arm import Array
-from fbl_gym.options import Reward
-from fbl_gym.scenarios import Scenario
 
 _LANE = np.zeros(1, dtype=np.int64)
 _SHAPE = (2,)
@@ -132,18 +128,6 @@ class TwoLinkArmEnv(TaskProperties, gym.Env[Any, Any]):
 
     metadata = {"render_modes": ["human", "rgb_array"], "render_fps": 100}  # noqa: RUF012 - as in Gymnasium
 
-    def __init__(
-        self, scenario: Scenario | str | dict[str, Any] | None = None, *, action: str = "normalized",
-        reward: Reward | dict[str, Any] | None = None, preview: int = 0, past_actions: int = 0, info: bool = False,
-        context: bool = False, render_mode: str | None = None, render_size: int = 480, **options: Any,
-    ) -> None:  # fmt: skip
-        self._prepare(
-            scenario, options, reward=reward, action=action, preview=preview, past_actions=past_actions, info=info,
-            context=context, render_mode=render_mode, render_size=render_size,
-        )  # fmt: skip
-        self.observation_space = self.interface.observation_space
-        self.action_space = self.interface.action_space
-
     def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Array, dict[str, Any]]:
         """Start an episode: the first of a seed, or the next one of the same seed.
 
@@ -159,9 +143,7 @@ class TwoLinkArmEnv(TaskProperties, gym.Env[Any, Any]):
         """
         check_reset_options(options, START)
         self._give_start(_LANE, options)
-        if seed is not None:
-            seed = check_seed(seed)
-        super().reset(seed=seed)
+        super().reset(seed=None if seed is None else check_seed(seed))
         if seed is not None or not self._begun:
             new_seed = self.np_random.integers(MAX_SEED, dtype=np.uint64) if seed is None else np.uint64(seed)
             self._batch.seed(_LANE, new_seed)
@@ -214,7 +196,7 @@ class TwoLinkArmEnv(TaskProperties, gym.Env[Any, Any]):
         Raises:
             gymnasium.error.ResetNeeded: before the first `reset`.
         """
-        self._expect_begun("truth")
+        self._expect_begun("reading truth")
         return single(self._batch.truth())
 
     def render(self) -> Any:

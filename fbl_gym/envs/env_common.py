@@ -1,8 +1,8 @@
 """Code shared by the single and the vector environment: arguments, seeds, rendering, properties."""
 
-from __future__ import annotations
-
 import dataclasses
+import functools
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -23,6 +23,11 @@ from fbl_gym.records.record import build, naming
 from fbl_gym.scenarios import Scenario, as_scenario
 
 MAX_SEED = 2**64 - 1
+"""Largest key of a random stream."""
+
+check_seed = functools.partial(check_whole, "seed", high=MAX_SEED)
+"""Return a seed as an int."""
+
 CONTEXT = ("parameters", *(VARIED.names or ()))
 """Fields of a block with all numbers that an episode draws for its arm."""
 ARGUMENTS = ("scenario", "action", "reward", "preview", "past_actions", "info", "context", "render_mode", "render_size")
@@ -32,51 +37,50 @@ class TaskProperties:
     """Properties shared by the single and the vector environment.
 
     Attributes:
+        scenario: the task.
         interface: all that a policy may know.
+        layout: names, slices and units of the observation.
     """
 
+    scenario: Scenario
     interface: Interface
+    layout: Layout
+    observation_space: Any
+    action_space: Any
     metadata: dict[str, Any]
-    device = "cpu"
+    device, _lanes = "cpu", 1
+    _threads: int | None = 1
+    _episodes: Mapping[str, Any] = {}
+    """Arguments of `make_program` on the episodes of a batch."""
     _spec: EnvSpec | None = None
 
-    def _prepare(
-        self, scenario: Any, options: dict[str, Any], *, reward: Any, lanes: int = 1, threads: int | None = 1,
-        device: str = "cpu", info: bool, context: bool, render_mode: str | None, render_size: int, **task: Any,
+    def __init__(
+        self, scenario: Scenario | str | dict[str, Any] | None = None, *, action: str = "normalized",
+        reward: Reward | dict[str, Any] | None = None, preview: int = 0, past_actions: int = 0, info: bool = False,
+        context: bool = False, render_mode: str | None = None, render_size: int = 480, **options: Any,
     ) -> None:  # fmt: skip
-        """Set all that both environments have, before the first reset; `task` is of `configure`."""
         known = [field.name for field in dataclasses.fields(Scenario)]
         for name in options:
             if name not in known:  # in Python's words: TorchRL tries some options, and goes on after this error alone
                 advice = nearest(name, (*ARGUMENTS, *known))
                 raise TypeError(f"{type(self).__name__}.__init__() got an unexpected keyword argument {name!r}{advice}")
         self._reward = Reward() if reward is None else build("reward", reward, Reward)
-        self._scenario, program = configure(scenario, options, reward=self._reward, **task)
+        task = {"reward": self._reward, "action": action, "preview": preview, "past_actions": past_actions}
+        self.scenario, program = configure(scenario, options, **task, **self._episodes)
         if render_mode is not None:
             check_choice("render_mode", render_mode, self.metadata["render_modes"])
         self.render_mode = render_mode
         self._info, self._has_context = check_flag("info", info), check_flag("context", context)
         self.render_size = check_whole("render_size", render_size, low=160)
         # A film with one frame per step then runs in real time.
-        self.metadata = {**self.metadata, "render_fps": max(1, round(1.0 / self._scenario.control_dt))}
-        self.interface, self._size = program.interface, program.interface.layout.size
-        self._steps = int(program.settings["last_step"])
-        self.device = check_choice("device", device, ("cpu", "cuda"))
-        self._batch: Any = make_batch(self._scenario, program, lanes, threads, device)
+        self.metadata = {**self.metadata, "render_fps": max(1, round(1.0 / self.scenario.control_dt))}
+        self.interface, self.layout = program.interface, program.interface.layout
+        self.observation_space, self.action_space = self.interface.observation_space, self.interface.action_space
+        self._size, self._steps = self.layout.size, int(program.settings["last_step"])
+        self._batch: Any = make_batch(self.scenario, program, self._lanes, self._threads, self.device)
         self._begun = False
         self._views: list[Any] = []  # of `render.View`
-        self._constrained = self._scenario.constraints is not None
-        self._reports = info or self._constrained or render_mode == "human"
-
-    @property
-    def scenario(self) -> Scenario:
-        """Return the task."""
-        return self._scenario
-
-    @property
-    def layout(self) -> Layout:
-        """Return the names, slices and units of the observation."""
-        return self.interface.layout
+        self._reports = info or self.scenario.constraints is not None or render_mode == "human"
 
     def _context(self) -> dict[str, Array]:
         """Return the context of each lane for an info, if it is asked for."""
@@ -91,10 +95,10 @@ class TaskProperties:
         sizes = {name: BLOCK[name].itemsize // BLOCK["step"].itemsize for name in CONTEXT}
         return tuple(f"{name}[{i}]" for name, size in sizes.items() for i in range(size))
 
-    def _expect_begun(self, name: str) -> None:
-        """Refuse to read a property before the first reset."""
+    def _expect_begun(self, doing: str) -> None:
+        """Refuse to do something before the first reset."""
         if not self._begun:
-            raise error.ResetNeeded(f"call reset() before reading {name}: no episode has begun")
+            raise error.ResetNeeded(f"call reset() before {doing}: no episode has begun")
 
     def state(self) -> Any:
         """Return a copy of the state of all arms, with their drives, sensors and episodes.
@@ -102,7 +106,7 @@ class TaskProperties:
         Raises:
             gymnasium.error.ResetNeeded: before the first `reset`.
         """
-        self._expect_begun("state()")
+        self._expect_begun("reading state()")
         return self._batch.state()
 
     def set_state(self, state: Any) -> None:
@@ -127,8 +131,7 @@ class TaskProperties:
                 f"filtered-steps, and this reference is {self.scenario.reference.kind}"
             )
         starts = {name: self._as_start(name, value)[lanes] for name, value in given.items()}
-        if starts:
-            self._batch.give(lanes, starts)
+        self._batch.give(lanes, starts)
 
     def _as_start(self, name: str, value: Any) -> Array:
         """Return an option of `reset` for all lanes, [lanes x 2] or [lanes x points x 2]."""
@@ -150,8 +153,7 @@ class TaskProperties:
         if self.render_mode is None:
             logger.warn('render() draws nothing without a render_mode: gym.make(..., render_mode="rgb_array")')
             return []
-        if not self._begun:
-            raise error.ResetNeeded("call reset() before the first render()")
+        self._expect_begun("the first render()")
         if not self._views:
             from fbl_gym.view.render import View
 
@@ -160,7 +162,7 @@ class TaskProperties:
 
     def _measures(self) -> dict[str, Array]:
         """Return the quantities of the last step that go into its info, of each lane."""
-        costs = {"cost": self._batch.field("cost")} if self._constrained else {}
+        costs = {} if self.scenario.constraints is None else {"cost": self._batch.field("cost")}
         if not self._info:
             return costs
         error, command = np.split(self._batch.field("judged"), 2, axis=-1)
@@ -236,14 +238,6 @@ def make_batch(scenario: Scenario, program: Program, lanes: int, threads: int | 
     return MuJoCoBatch(scenario, program, lanes)
 
 
-def check_seed(seed: Any) -> int:
-    """Return a seed as an int that fits the key of a random stream."""
-    value = check_whole("seed", seed)
-    if value > MAX_SEED:
-        raise ValueError(f"seed must be below 2**64, got {value}")
-    return value
-
-
 START = ("position", "velocity", "reference")
 """The options of `reset` that say where an episode starts."""
 
@@ -257,8 +251,7 @@ def check_reset_options(options: dict[str, Any] | None, known: tuple[str, ...]) 
 def as_actions(action: Any, shape: tuple[int, ...]) -> Array:
     """Return actions as an array of real numbers; refuse another shape."""
     array = np.asarray(action)
-    if array.dtype.kind not in "fiu":
-        raise ValueError(f"action must be numbers of shape {shape}, got {action!r}")
-    if array.shape != shape:
-        raise ValueError(f"action must have shape {shape}, got shape {array.shape}")
+    if array.dtype.kind not in "fiu" or array.shape != shape:
+        given = f"shape {array.shape}" if array.dtype.kind in "fiu" else repr(action)
+        raise ValueError(f"action must be numbers of shape {shape}, got {given}")
     return array

@@ -1,14 +1,12 @@
 """Observations in error coordinates, for agents."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 from gymnasium import spaces
 
-from fbl_gym.interface import Interface, Layout
+from fbl_gym.interface import Interface
 from fbl_gym.kernel.step.api import subtract_and_scale
 from fbl_gym.model.arm import Array
 from fbl_gym.scenarios.classes import CLASSES
@@ -62,45 +60,39 @@ class ErrorScales:
         self, interface: Interface, slots: Sequence[str] = ("position", "velocity", "preview", "previous_actions"),
         scales: Sequence[float] = (0.1, 1.0, 10.0), fine: Sequence[float] | None = None, drive: bool = False,
     ) -> None:  # fmt: skip
-        used, every = {*slots, *(f"reference_{name}" for name in _MOTION)}, np.arange(interface.layout.size)
-        self.layout = layout = Layout(tuple(slot for slot in interface.layout.slots if slot.name in used))
+        used = {*slots, *(f"reference_{name}" for name in _MOTION)}
+        every = {slot.name: slot.start + np.arange(slot.size) for slot in interface.layout.slots if slot.name in used}
+        parts = []
 
-        def columns(entries: Any, less: Any = -1, offset: Any = 0.0, scale: Any = 1.0, bound: Any = _CLIP) -> Array:
-            """Return the columns of a slot or of entries, see `kernel.api.subtract_and_scale`."""
-            entries = every[layout[entries]] if isinstance(entries, str) else entries
-            numbers = (entries, less, offset, scale, bound)
-            return np.stack([np.resize(value, entries.size) for value in numbers], axis=1)
+        def add(entries: Any, less: Any = -1, offset: Any = 0.0, scale: Any = 1.0, bound: Any = _CLIP) -> None:
+            """Add the columns of entries, see `kernel.api.subtract_and_scale`; None: of none."""
+            if entries is not None:
+                numbers = (entries, less, offset, scale, bound)
+                parts.append(np.stack([np.resize(value, entries.size) for value in numbers], axis=1))
 
         bounds = [_CLIP] * 3
         if fine is not None:
             bounds[:2] = np.arcsinh(np.divide(WIDEST, fine))
             fine = (*np.negative(fine), scales[2])
 
-        now = np.concatenate([every[layout[f"reference_{name}"]] for name in _MOTION])
-        parts = [
-            columns(f"reference_{name}", every[layout[name]], scale=scale, bound=bound)
-            for name, scale, bound in zip(_MOTION, fine or scales, bounds, strict=True)
-            if name in layout
-        ]
-        parts.append(columns("position", offset=_HANGING))
-        if "velocity" in layout:
-            parts.append(columns("velocity"))
-        parts.append(columns("reference_acceleration", scale=scales[2]))
-        if "preview" in layout:
-            parts.append(columns("preview", now, scale=np.repeat(scales, 2)))
+        now = [every[f"reference_{name}"] for name in _MOTION]
+        for name, reference, scale, bound in zip(_MOTION, now, fine or scales, bounds, strict=True):
+            if name in every:
+                add(reference, every[name], scale=scale, bound=bound)
+        add(every["position"], offset=_HANGING)
+        add(every.get("velocity"))
+        add(now[2], scale=scales[2])
+        add(every.get("preview"), np.concatenate(now), scale=np.repeat(scales, 2))
         if drive:  # entry 0, less itself, less the negative of a number
             none = np.zeros(7, dtype=int)
-            parts.append(columns(none, none, -drive_numbers(interface), bound=[_CLIP] * 4 + [1.0] * 3))
-        if "previous_actions" in layout:
-            parts.append(
-                columns("previous_actions", scale=[limit or 1.0 for limit in interface.action_limit], bound=1.0)
-            )
+            add(none, none, -drive_numbers(interface), bound=[_CLIP] * 4 + [1.0] * 3)
+        add(every.get("previous_actions"), scale=[limit or 1.0 for limit in interface.action_limit], bound=1.0)
         self.columns = np.concatenate(parts)
         self.size = len(self.columns)
         self._numbers = self.columns.reshape(-1)  # to reshape at each step takes time
 
     def __call__(self, observations: Array, dtype: Any = np.float64) -> Array:
-        """Return observations [... x layout.size] in error coordinates, [... x size]."""
+        """Return observations [... x number] in error coordinates, [... x size]."""
         out = np.empty((*observations.shape[:-1], self.size), dtype)
         subtract_and_scale(observations.reshape(-1), self._numbers, out.reshape(-1))
         return out

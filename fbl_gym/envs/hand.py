@@ -1,7 +1,5 @@
 """A hand on a running arm: a target to follow, a push, a payload, a weak drive, noise."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from fbl_gym.envs.env import TwoLinkArmEnv

@@ -1,7 +1,5 @@
 """Batches of several scenarios, side by side as one vector environment."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from itertools import chain
 from typing import Any
@@ -16,21 +14,6 @@ from fbl_gym.records.checks import check_whole
 
 _AXES = {"reset_mask": 1, "position": 2, "velocity": 2, "reference": 3}
 """Number of axes of an option of `reset` with a value for each lane."""
-
-
-def side_by_side(kind: Any, num_envs: Any, scenarios: Sequence[Any], options: dict[str, Any]) -> SideBySideVectorEnv:
-    """Return a class's batches of several scenarios as one, with the lanes in equal parts.
-
-    All observe as many previous actions as the scenario that needs most.
-    """
-    check_whole("num_envs", num_envs, low=max(1, len(scenarios)))
-    if not scenarios or options.get("device", "cpu") != "cpu":
-        raise ValueError("scenario must be a list of one or more, and device 'cpu' with a list")
-    layouts = [kind(1, scenario, **options).interface.layout for scenario in scenarios]
-    most = max(len(range(*x["previous_actions"].indices(x.size))) if "previous_actions" in x else 0 for x in layouts)
-    lanes = [len(part) for part in np.array_split(range(num_envs), len(scenarios))]
-    options = options | {"past_actions": most // 2}
-    return SideBySideVectorEnv(*(kind(n, scenario, **options) for n, scenario in zip(lanes, scenarios, strict=True)))
 
 
 class SideBySideVectorEnv(VectorEnv[Array, Array, Array]):
@@ -111,3 +94,18 @@ class SideBySideVectorEnv(VectorEnv[Array, Array, Array]):
                 for info, env in zip(infos, self.envs, strict=True)
             ])  # fmt: skip
         return joined
+
+
+def side_by_side(kind: Any, num_envs: Any, scenarios: Sequence[Any], options: dict[str, Any]) -> SideBySideVectorEnv:
+    """Return a class's batches of several scenarios as one, with the lanes in equal parts.
+
+    All observe as many previous actions as the scenario that needs most.
+    """
+    check_whole("num_envs", num_envs, low=max(1, len(scenarios)))
+    if not scenarios or options.get("device", "cpu") != "cpu":
+        raise ValueError("scenario must be a list of one or more, and device 'cpu' with a list")
+    layouts = [kind(1, scenario, **options).interface.layout for scenario in scenarios]
+    most = max(len(range(*x["previous_actions"].indices(x.size))) if "previous_actions" in x else 0 for x in layouts)
+    lanes = [len(part) for part in np.array_split(range(num_envs), len(scenarios))]
+    options = options | {"past_actions": most // 2}
+    return SideBySideVectorEnv(*(kind(n, scenario, **options) for n, scenario in zip(lanes, scenarios, strict=True)))

@@ -1,9 +1,7 @@
 """The vector environment: many arms of one scenario, stepped together."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from gymnasium import error
@@ -15,12 +13,7 @@ from fbl_gym.envs.env_common import MAX_SEED, START, TaskProperties, as_actions,
 from fbl_gym.envs.side_by_side import side_by_side
 from fbl_gym.kernel.batch import Flags, Truth
 from fbl_gym.model.arm import Array
-from fbl_gym.options import Reward
 from fbl_gym.records.checks import check_choice, check_whole
-from fbl_gym.scenarios import Scenario
-
-if TYPE_CHECKING:
-    from fbl_gym.view.render import Frame
 
 _AUTORESET = (AutoresetMode.DISABLED, AutoresetMode.NEXT_STEP, AutoresetMode.SAME_STEP)
 """The modes, in the order of their numbers in the kernel."""
@@ -66,25 +59,19 @@ class TwoLinkArmVectorEnv(TaskProperties, VectorEnv[Array, Array, Array]):
         return super().__new__(cls)
 
     def __init__(
-        self, num_envs: int = 1, scenario: Scenario | str | dict[str, Any] | None = None, *, action: str = "normalized",
-        reward: Reward | dict[str, Any] | None = None, preview: int = 0, past_actions: int = 0, info: bool = False,
-        context: bool = False, autoreset_mode: AutoresetMode | str = AutoresetMode.NEXT_STEP,
-        max_episode_steps: int | None = None, threads: int | None = None, device: str = "cpu",
-        render_mode: str | None = None, render_size: int = 480, **options: Any,
+        self, num_envs: int = 1, scenario: Any = None, *, autoreset_mode: AutoresetMode | str = AutoresetMode.NEXT_STEP,
+        max_episode_steps: int | None = None, threads: int | None = None, device: str = "cpu", **options: Any,
     ) -> None:  # fmt: skip
-        self.num_envs = check_whole("num_envs", num_envs, low=1, high=10**7)
+        self.num_envs = self._lanes = check_whole("num_envs", num_envs, low=1, high=10**7)
         mode, modes = getattr(autoreset_mode, "value", autoreset_mode), [each.value for each in AutoresetMode]
         self.autoreset_mode = AutoresetMode(check_choice("autoreset_mode", mode, modes))
         if max_episode_steps is not None:
             check_whole("max_episode_steps", max_episode_steps, low=1)
-        self._prepare(
-            scenario, options, reward=reward, action=action, preview=preview, past_actions=past_actions, info=info,
-            context=context, lanes=self.num_envs, threads=threads, device=device, max_episode_steps=max_episode_steps,
-            autoreset=_AUTORESET.index(self.autoreset_mode), render_mode=render_mode, render_size=render_size,
-        )  # fmt: skip
+        self._episodes = {"max_episode_steps": max_episode_steps, "autoreset": _AUTORESET.index(self.autoreset_mode)}
+        self.device, self._threads = check_choice("device", device, ("cpu", "cuda")), threads
+        super().__init__(scenario, **options)
         self.metadata = {**self.metadata, "autoreset_mode": self.autoreset_mode}
-        self.single_observation_space = self.interface.observation_space
-        self.single_action_space = self.interface.action_space
+        self.single_observation_space, self.single_action_space = self.observation_space, self.action_space
         self.observation_space = batch_space(self.single_observation_space, self.num_envs)
         self.action_space = batch_space(self.single_action_space, self.num_envs)
 
@@ -149,8 +136,7 @@ class TwoLinkArmVectorEnv(TaskProperties, VectorEnv[Array, Array, Array]):
         """
         if self.device == "cpu":
             actions = as_actions(actions, (self.num_envs, 2))
-        if not self._begun:
-            raise error.ResetNeeded("call reset() before the first step()")
+        self._expect_begun("the first step()")
         batch = self._batch
         observations = batch.observations()
         self._refuse(batch.step(actions, observations), actions)
@@ -206,7 +192,7 @@ class TwoLinkArmVectorEnv(TaskProperties, VectorEnv[Array, Array, Array]):
     @property
     def truth(self) -> Truth:
         """Return the true parameters and signals of every lane now. A policy must not use them."""
-        self._expect_begun("truth")
+        self._expect_begun("reading truth")
         return self._batch.truth()
 
     def true_signals(self) -> dict[str, Array]:
@@ -215,10 +201,10 @@ class TwoLinkArmVectorEnv(TaskProperties, VectorEnv[Array, Array, Array]):
         They are `position`, `velocity`, `reference`, `applied_torque` and `disturbance`,
         [lanes x 2], and `payload`, [lanes].
         """
-        self._expect_begun("true_signals")
+        self._expect_begun("reading true_signals")
         return self._batch.true_signals()
 
-    def render(self) -> tuple[Frame, ...] | None:
+    def render(self) -> tuple[NDArray[np.uint8], ...] | None:
         """Return the frame of each lane, [size x size x 3]; see `TwoLinkArmEnv.render`."""
         views = self._shown_views()
         if not views:

@@ -31,8 +31,7 @@ from typing import Any, ClassVar, TypeAlias
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from fbl_gym.records.checks import Pair
-from fbl_gym.records.record import Option, number, pair
+from fbl_gym.records.record import Option, Pair, number, pair
 
 Array: TypeAlias = NDArray[np.float64]
 
@@ -119,16 +118,9 @@ class ArmParameters(Option):
         packer.settings["parameters"] = self.m1, self.m2, self.L1, self.L2
 
     @staticmethod
-    def from_links(
-        mass: Pair,
-        length: Pair,
-        centre: Pair,
-        inertia: Pair,
-        rotor: Pair | float = 0.0,
-        gravity: float = STANDARD_GRAVITY,
-    ) -> ArmParameters:
-        """Return the arm of links as data sheets describe them; see `Links`."""
-        return Links(mass, length, centre, inertia, rotor, gravity).arm
+    def from_links(*numbers: Any, **named: Any) -> ArmParameters:
+        """Return the arm of links as data sheets describe them, from the fields of `Links`."""
+        return Links(*numbers, **named).arm
 
     @staticmethod
     def from_lumped(

@@ -8,7 +8,6 @@ whatever zeros the file has.
 
 import re
 import warnings
-from collections import Counter
 from collections.abc import Mapping
 from typing import Any, NamedTuple
 from xml.etree import ElementTree
@@ -40,7 +39,7 @@ class _Joint(NamedTuple):
     """A turning joint at zero angles: the link that it turns, axis and place in the base's frame.
 
     `numbers` are effort [N m], damping [N m s/rad], friction [N m] and velocity [rad/s]; None: not
-    in the file. `rotor` is in kg m^2.
+    in the file. `doubts` say what was neglected or guessed. `rotor` is in kg m^2.
     """
 
     name: str
@@ -48,6 +47,7 @@ class _Joint(NamedTuple):
     axis: Array
     place: Array
     numbers: tuple[float | None, ...]
+    doubts: tuple[str, ...] = ()
     rotor: float = 0.0
 
 
@@ -69,7 +69,6 @@ class _Robot(NamedTuple):
         frames: link and position [3] of each named frame.
         masses: of each link.
         up: against gravity [3] m/s^2.
-        doubts: what was neglected or guessed at a joint, by its name.
     """
 
     path: str
@@ -78,7 +77,6 @@ class _Robot(NamedTuple):
     frames: dict[str, tuple[str, Array]]
     masses: dict[str, _Mass]
     up: Array
-    doubts: dict[str, str]
 
 
 class RobotFile(NamedTuple):
@@ -144,8 +142,7 @@ def read_robot(path: str) -> RobotFile:
     Raises:
         ValueError: the file does not describe a planar arm of two links.
     """
-    match = FILE.match(path)
-    file, names = (match["path"], match["names"] or "") if match else (path, "")
+    file, names = FILE.match(path).groups("")  # type: ignore[union-attr]
     try:
         robot = _read(file)
     except (OSError, expat.ExpatError, KeyError, ValueError) as problem:
@@ -179,7 +176,7 @@ def _pair(robot: _Robot, names: list[str]) -> list[_Joint]:
 
 def _planar(robot: _Robot, inner: _Joint, outer: _Joint, bodies: dict[str | None, int], names: list[str]) -> RobotFile:
     """Return the arm of two joints and their bodies; complex numbers are vectors in its plane."""
-    path, doubts = robot.path, [robot.doubts[joint.name] for joint in (inner, outer) if joint.name in robot.doubts]
+    path, doubts = robot.path, [*inner.doubts, *outer.doubts]
     axis, second = (joint.axis / np.linalg.norm(joint.axis) for joint in (inner, outer))
     sign, tilt = (1.0 if axis @ second > 0 else -1.0), float(np.linalg.norm(np.cross(axis, second)))
     if tilt > _TOLERANCE:
@@ -220,11 +217,10 @@ def _planar(robot: _Robot, inner: _Joint, outer: _Joint, bodies: dict[str | None
     if acceleration > 0 and turned > _NOTHING:
         torque = m1 * beside * acceleration
         doubts.append(f"the centre of mass of link 1 is {beside:.2g} m beside its line: {torque:.2g} N m are neglected")
-    frames = {
-        name: complex(plane @ (at - outer.place)) for name, (link, at) in robot.frames.items() if bodies[link] == 2
-    }
-    known = _tip(robot, names, {name: at for name, at in frames.items() if abs(at) > 1e-6}, centre2, doubts)
-    tip = 2.0 * centre2 if known is None else known
+    places = (
+        (name, complex(plane @ (at - outer.place))) for name, (link, at) in robot.frames.items() if bodies[link] == 2
+    )
+    tip, has_tip = _tip(robot, names, {name: at for name, at in places if abs(at) > 1e-6}, centre2, doubts)
     # A centre of mass beside the line to the tip is another zero of theta2.
     distance = abs(centre2) if (centre2 / tip).real >= 0 else -abs(centre2)
     towards = centre2 / distance if abs(centre2) > _NOTHING * abs(tip) else tip
@@ -243,18 +239,18 @@ def _planar(robot: _Robot, inner: _Joint, outer: _Joint, bodies: dict[str | None
         notes.append(f"{name}: {', '.join('none' if x is None else f'{x:g}' for x in given)}")
     if any(velocity):
         notes.append("the limits of the velocity are not used: `constraints.velocity` has such bounds")
-    return RobotFile(path, arm, limit, viscous, coulomb, (1.0, sign), zero, known is not None, doubts, notes)
+    return RobotFile(path, arm, limit, viscous, coulomb, (1.0, sign), zero, has_tip, doubts, notes)
 
 
 def _tip(
     robot: _Robot, names: list[str], frames: dict[str, complex], centre: complex, doubts: list[str]
-) -> complex | None:
-    """Return the tip from the second joint: named, a length, the farthest frame, or None."""
-    for name in names:
-        if re.fullmatch(r"[\d.]+", name):
-            length = check_number(f"length of link 2 in {robot.path}", float(name), above=0)
-            return length * (centre / abs(centre) if centre else 1.0)
-        return frames[check_choice(f"joint or tip in {robot.path}", name, {**robot.joints, **frames})]
+) -> tuple[complex, bool]:
+    """Return the tip from the second joint: named, a length, a frame, or a guess (False)."""
+    if names and re.fullmatch(r"[\d.]+", names[0]):
+        length = check_number(f"length of link 2 in {robot.path}", float(names[0]), above=0)
+        return length * (centre / abs(centre) if centre else 1.0), True
+    if names:
+        return frames[check_choice(f"joint or tip in {robot.path}", names[0], {**robot.joints, **frames})], True
     ahead = {name: at for name, at in frames.items() if (at * centre.conjugate()).real >= 0} or frames
     if ahead:
         farthest, *others = sorted(ahead, key=lambda name: -abs(ahead[name]))
@@ -262,14 +258,14 @@ def _tip(
             doubts.append(
                 f"the tip is taken to be {farthest}, the farthest frame: name another, as in {robot.path}:{others[0]}"
             )
-        return ahead[farthest]
+        return ahead[farthest], True
     if abs(centre) < 1e-6:
         raise ValueError(f"{robot.path} must have a frame at its tip: a link on a fixed joint beyond the second one")
     doubts.append(
         f"no frame at the tip: the length of link 2 is taken to be {2 * abs(centre):.4g} m, twice the distance of its "
         f"centre of mass; pictures and payloads need the real one, as in {robot.path}:0.3 [m]"
     )
-    return None
+    return 2.0 * centre, False
 
 
 # The robot of a file.
@@ -290,10 +286,10 @@ def _read(path: str) -> _Robot:
 
 
 def _read_urdf(path: str, root: Element) -> _Robot:
-    names = Counter(link.attrib["name"] for link in root.findall("link"))
-    if twice := [name for name, number in names.items() if number > 1]:
-        raise ValueError(f"links must have different names, got {twice[0]!r} twice")
-    links = {link.attrib["name"]: link for link in root.findall("link")}
+    links: dict[str, Element] = {}
+    for link in root.findall("link"):
+        if links.setdefault(link.attrib["name"], link) is not link:
+            raise ValueError(f"links must have different names, got {link.attrib['name']!r} twice")
     waiting = {joint.attrib["name"]: joint for joint in root.findall("joint")}
     driven = {joint.get("name") for joint in root.findall("transmission/joint")}
     ends = {
@@ -304,7 +300,7 @@ def _read_urdf(path: str, root: Element) -> _Robot:
         links[parent] = Element("link", name=parent)  # by convention, it needs no declaration
     below = {child for _, child in ends.values()}
     parents: dict[str, str | None] = {name: None for name in links if name not in below}
-    poses, joints, doubts = {name: np.eye(4) for name in parents}, {}, {}
+    poses, joints = {name: np.eye(4) for name in parents}, {}
     while waiting:
         name = next((name for name in waiting if ends[name][0] in poses), None)
         if name is None:
@@ -317,11 +313,11 @@ def _read_urdf(path: str, root: Element) -> _Robot:
         if (kind := joint.attrib["type"]) != "fixed":
             joints[name] = found = _read_joint(joint, kind, child, poses[child])
             if driven and name not in driven and isinstance(found, _Joint):
-                joints[name] = found._replace(numbers=(0.0, *found.numbers[1:]))
-                doubts[name] = f"no <transmission> drives {name}: its torque limit is 0"
+                doubt = f"no <transmission> drives {name}: its torque limit is 0"
+                joints[name] = found._replace(numbers=(0.0, *found.numbers[1:]), doubts=(doubt,))
     frames = {name: (name, pose[:3, 3]) for name, pose in poses.items()}
     masses = {name: _read_mass(link, poses[name]) for name, link in links.items() if name in poses}
-    return _Robot(path, parents, joints, frames, masses, np.array([0.0, 0.0, STANDARD_GRAVITY]), doubts)
+    return _Robot(path, parents, joints, frames, masses, np.array([0.0, 0.0, STANDARD_GRAVITY]))
 
 
 def _read_joint(joint: Element, kind: str, link: str, pose: Array) -> _Joint | str:
@@ -397,56 +393,51 @@ def _read_mujoco(path: str) -> _Robot:
     data.qpos[:] = 0.0 if model.nq == model.nv else model.qpos0
     mujoco.mj_kinematics(model, data)
     links = [model.body(i).name or f"body {i}" for i in range(model.nbody)]
-    efforts, doubts = _torques(model)
-    passive = 0.0 if efforts else None
     joints: dict[str, _Joint | str] = {}
     for i in range(model.njnt):
-        name, dof = _name_of(model, i), model.jnt_dofadr[i]
-        if model.jnt_stiffness[i]:
-            doubts[name] = "; ".join([*filter(None, [doubts.get(name)]), f"the spring of {name} is neglected"])
-        numbers = efforts.get(i, passive), float(model.dof_damping.flat[dof]), float(model.dof_frictionloss[dof]), None
-        joint = name, links[model.jnt_bodyid[i]], data.xaxis[i].copy(), data.xanchor[i].copy(), numbers
+        name, dof = model.joint(i).name or f"joint {i}", model.jnt_dofadr[i]
+        effort, *doubts = _effort(model, i, name)
+        doubts += [f"the spring of {name} is neglected"] if model.jnt_stiffness[i] else []
+        numbers = effort, float(model.dof_damping.flat[dof]), float(model.dof_frictionloss[dof]), None
+        joint = name, links[model.jnt_bodyid[i]], data.xaxis[i].copy(), data.xanchor[i].copy(), numbers, tuple(doubts)
         hinge = model.jnt_type[i] == mujoco.mjtJoint.mjJNT_HINGE
-        joints[name] = _Joint(*joint, rotor=float(model.dof_armature[dof])) if hinge else "no hinge"
+        joints[name] = _Joint(*joint, float(model.dof_armature[dof])) if hinge else "no hinge"
     sites = {model.site(i).name: (links[model.site_bodyid[i]], data.site_xpos[i].copy()) for i in range(model.nsite)}
     turns = data.ximat.reshape(-1, 3, 3)
     inertias = np.einsum("nij,nj,nkj->nik", turns, model.body_inertia, turns)
     masses = dict(zip(links, map(_Mass, map(float, model.body_mass), data.xipos, inertias), strict=True))
     parents = {link: links[model.body_parentid[i]] if i else None for i, link in enumerate(links)}
     frames = {link: (link, data.xpos[i].copy()) for i, link in enumerate(links)} | sites
-    return _Robot(path, parents, joints, frames, masses, -model.opt.gravity, doubts)
+    return _Robot(path, parents, joints, frames, masses, -model.opt.gravity)
 
 
-def _name_of(model: Any, joint: int) -> str:
-    return model.joint(joint).name or f"joint {joint}"
-
-
-def _torques(model: Any) -> tuple[dict[int, float | None], dict[str, str]]:
-    """Return the largest torque at each joint with actuators, None without a limit, and doubts.
+def _effort(model: Any, joint: int, name: str) -> tuple[Any, ...]:
+    """Return the largest torque of a joint's actuators, None without a limit, and what is doubtful.
 
     The control of a motor is a force; that of a servo, such as a position, tells none. Forces act
-    through the gear. Those of several actuators at one joint add up.
+    through the gear. Those of several actuators at one joint add up. Where joints have actuators,
+    one without has a torque of 0.
     """
     from mujoco import mjtBias, mjtDyn, mjtGain, mjtTrn
 
-    ends: dict[int, Array] = {}
-    for i in np.flatnonzero(np.isin(model.actuator_trntype, (mjtTrn.mjTRN_JOINT, mjtTrn.mjTRN_JOINTINPARENT))):
-        force, joint = np.array([-np.inf, np.inf]), int(model.actuator_trnid[i, 0])
+    drives = np.isin(model.actuator_trntype, (mjtTrn.mjTRN_JOINT, mjtTrn.mjTRN_JOINTINPARENT))
+    own = np.flatnonzero(drives & (model.actuator_trnid[:, 0] == joint))
+    if not len(own):
+        return (0.0 if drives.any() else None,)
+    torques = np.zeros(2)
+    for i in own:
+        force = np.array([-np.inf, np.inf])
         kinds = model.actuator_gaintype[i], model.actuator_biastype[i], model.actuator_dyntype[i]
         motor = kinds == (mjtGain.mjGAIN_FIXED, mjtBias.mjBIAS_NONE, mjtDyn.mjDYN_NONE)
         if motor and model.actuator_ctrllimited[i]:
             force = np.sort(model.actuator_gainprm[i, 0] * model.actuator_ctrlrange[i])
         if model.actuator_forcelimited[i]:
             force = np.clip(force, *model.actuator_forcerange[i])
-        ends[joint] = ends.get(joint, np.zeros(2)) + np.sort(force * model.actuator_gear[i, 0])
-    efforts: dict[int, float | None] = {}
-    doubts: dict[str, str] = {}
-    for joint, torques in ends.items():
-        low, high = np.clip(torques, *model.jnt_actfrcrange[joint]) if model.jnt_actfrclimited[joint] else torques
-        name, bounded = _name_of(model, joint), bool(np.isfinite((low, high)).all())
-        efforts[joint] = float(max(-low, high)) if bounded else None
-        if not bounded:
-            doubts[name] = f"the actuators of {name} have no range of forces: it has no torque limit"
-        elif abs(low + high) > 1e-9:
-            doubts[name] = f"the torque of {name} lies within {low:g} and {high:g} N m, and the larger bound is taken"
-    return efforts, doubts
+        torques = torques + np.sort(force * model.actuator_gear[i, 0])
+    low, high = np.clip(torques, *model.jnt_actfrcrange[joint]) if model.jnt_actfrclimited[joint] else torques
+    if not np.isfinite((low, high)).all():
+        return None, f"the actuators of {name} have no range of forces: it has no torque limit"
+    effort = float(max(-low, high))
+    if abs(low + high) <= 1e-9:
+        return (effort,)
+    return effort, f"the torque of {name} lies within {low:g} and {high:g} N m, and the larger bound is taken"

@@ -3,8 +3,7 @@
 import math
 from typing import Any, ClassVar
 
-from fbl_gym.records.checks import Pair
-from fbl_gym.records.record import Distribution, Number, Numbers, Option, ends, number, pair, steps, whole
+from fbl_gym.records.record import Distribution, Number, Numbers, Option, Pair, ends, number, pair, steps, whole
 
 _NONE = (math.inf, math.inf)
 

@@ -3,8 +3,7 @@
 from typing import Any
 
 from fbl_gym.options.sensors import SENSORS
-from fbl_gym.records.checks import Pair
-from fbl_gym.records.record import Option, number, pair
+from fbl_gym.records.record import Option, Pair, number, pair
 
 _SPRINGS = ("stiffness", "damping", "rotor_inertia", "backlash")
 
@@ -56,7 +55,5 @@ class Datasheet(Option):
         given = {name: value for name, value in vars(self).items() if value is not None}
         noise = zip(SENSORS, truth.get("noise_std", ((0.0, 0.0),) * 3), strict=True)
         noise_std = tuple(given.pop(f"{sensor}_noise", std) for sensor, std in noise)
-        ranges: dict[str, Any] = {
-            name: (given[name],) * 2 for name in ("delay", "lag", "stiffness", "damping") if name in given
-        }
+        ranges = {name: (given[name],) * 2 for name in given.keys() & {"delay", "lag", "stiffness", "damping"}}
         return {**truth, "noise_std": noise_std, **given, **ranges}

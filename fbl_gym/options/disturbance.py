@@ -5,7 +5,7 @@ from typing import Any, ClassVar, TypeAlias
 import numpy as np
 
 from fbl_gym.records.checks import Pair, check_number
-from fbl_gym.records.record import Numbers, Option, ends, kind, number, pair, table
+from fbl_gym.records.record import Numbers, Option, ends, number, pair, table
 
 TIMES = {"period": 1, "width": 1, "start": 0, "dt": 1}
 """Fields that are counted in physics steps, with the fewest."""
@@ -36,7 +36,7 @@ class _Timed(Option):
             settings["torque_varies"] |= steps % scenario.substeps > 0
 
 
-class PiecewiseConstantDisturbance(_Timed):
+class PiecewiseConstantDisturbance(_Timed, kind="piecewise-constant"):
     """A torque that jumps to a new level at regular times (§3.2 of the paper).
 
     Args:
@@ -46,10 +46,9 @@ class PiecewiseConstantDisturbance(_Timed):
 
     amplitude: Numbers = pair(unit="N m", varies=True, low=0, kernel="disturbance_amplitude")
     period: float = number(0.5, unit="s", above=0)
-    kind: str = kind("piecewise-constant")
 
 
-class SineDisturbance(_Timed):
+class SineDisturbance(_Timed, kind="sine"):
     """A torque amplitude * sin(2 pi frequency t + phase).
 
     Args:
@@ -61,7 +60,6 @@ class SineDisturbance(_Timed):
     amplitude: Numbers = pair(unit="N m", varies=True, low=0, kernel="disturbance_amplitude")
     frequency: Numbers = pair(1.0, unit="Hz", varies=True, low=0, high=1e6, kernel="disturbance_rate", scale=2 * np.pi)
     phase: Pair | float | None = pair(None, unit="rad", low=-1e6, high=1e6, kernel="disturbance_phase")
-    kind: str = kind("sine")
 
     def check(self, scenario: Any) -> None:
         """Refuse a frequency that the physics step does not resolve."""
@@ -77,7 +75,7 @@ class SineDisturbance(_Timed):
         packer.settings["disturbance_phase_drawn"], packer.settings["torque_varies"] = self.phase is None, True
 
 
-class PulseDisturbance(_Timed):
+class PulseDisturbance(_Timed, kind="pulses"):
     """A torque in pulses. Times are multiples of physics_dt.
 
     Args:
@@ -91,14 +89,13 @@ class PulseDisturbance(_Timed):
     period: float = number(2.0, unit="s", above=0)
     width: float = number(0.1, unit="s", above=0)
     start: float = number(0.0, unit="s", low=0)
-    kind: str = kind("pulses")
 
     def validate(self) -> None:
         """Refuse a pulse longer than the period."""
         check_number("width", self.width, above=0, high=self.period)
 
 
-class ArrayDisturbance(_Timed):
+class ArrayDisturbance(_Timed, kind="array"):
     """A torque given by samples, each held until the next; the last one holds on.
 
     Args:
@@ -108,7 +105,6 @@ class ArrayDisturbance(_Timed):
 
     torque: tuple[Pair, ...] = table(unit="N m")
     dt: float = number(0.01, unit="s", above=0)
-    kind: str = kind("array")
 
     def pack(self, packer: Any) -> None:
         """Write the samples."""

@@ -6,7 +6,7 @@ A policy is not told of them. Times count to the nearest physics step.
 from collections.abc import Mapping
 from typing import Any, TypeAlias
 
-from fbl_gym.records.record import Number, Numbers, Option, build_kind, declared, kind, number, pair, steps
+from fbl_gym.records.record import Number, Numbers, Option, build_kind, declared, number, pair, steps
 
 
 class _Event(Option):
@@ -19,7 +19,7 @@ class _Event(Option):
     time: Number = number(unit="s", varies=True, low=0, scale=steps)
 
 
-class PickUp(_Event):
+class PickUp(_Event, kind="pick-up"):
     """A grasp: a point mass at rest joins the tip, on top of any other payload.
 
     The grasp is inelastic. The arm shares its momentum, M_after v_after = M_before v_before, and
@@ -30,16 +30,13 @@ class PickUp(_Event):
     """
 
     mass: Number = number(unit="kg", varies=True, low=0)
-    kind: str = kind("pick-up")
 
 
-class Drop(_Event):
+class Drop(_Event, kind="drop"):
     """The release of all payload. Velocities stay."""
 
-    kind: str = kind("drop")
 
-
-class FrictionChange(_Event):
+class FrictionChange(_Event, kind="friction"):
     """All parts of the friction, that under load too, times a factor from now on.
 
     Args:
@@ -47,7 +44,6 @@ class FrictionChange(_Event):
     """
 
     factor: Numbers = pair(varies=True, low=0)
-    kind: str = kind("friction")
 
     def check(self, scenario: Any) -> None:
         """Refuse the change of a friction that is not given."""
@@ -55,7 +51,7 @@ class FrictionChange(_Event):
             raise ValueError("events change friction, but friction is None: give the friction that they change")
 
 
-class DriveChange(_Event):
+class DriveChange(_Event, kind="drive"):
     """Torque of the drives times a factor from now on, such as 0.5 where half of it is lost.
 
     The torque ripple is part of a drive's torque: the factor multiplies it too.
@@ -65,14 +61,13 @@ class DriveChange(_Event):
     """
 
     factor: Numbers = pair(varies=True, low=0)
-    kind: str = kind("drive")
 
     def pack(self, packer: Any) -> None:
         """Write that the torque varies."""
         packer.settings["torque_varies"] = True
 
 
-class Knock(_Event):
+class Knock(_Event, kind="knock"):
     """A blow: velocities jump by M^-1 impulse. With elastic joints it meets the links.
 
     Args:
@@ -80,7 +75,6 @@ class Knock(_Event):
     """
 
     impulse: Numbers = pair(unit="N m s", varies=True)
-    kind: str = kind("knock")
 
 
 Event: TypeAlias = PickUp | Drop | FrictionChange | DriveChange | Knock

@@ -28,8 +28,7 @@ from typing import Any, ClassVar, Literal
 import numpy as np
 
 from fbl_gym.model.arm import ArmParameters, Array, stretched_inertia
-from fbl_gym.records.checks import Pair
-from fbl_gym.records.record import Numbers, Option, choice, ends, pair
+from fbl_gym.records.record import Numbers, Option, Pair, choice, ends, pair
 
 
 class ElasticJoint(Option):

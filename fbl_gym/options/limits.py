@@ -6,8 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fbl_gym.model.arm import Array
-from fbl_gym.records.checks import Pair
-from fbl_gym.records.record import Option, choice, number, pair
+from fbl_gym.records.record import Option, Pair, choice, number, pair
 
 
 class Limits(Option):
@@ -63,13 +62,10 @@ class Constraints(Option):
             raise ValueError(f"low must be below high, got low={self.low} and high={self.high}")
 
     @property
-    def bounds(self) -> tuple[Array, Array, Array]:
+    def bounds(self) -> tuple[Array, ...]:
         """Return lowest and highest position and largest velocity [2]; infinite: no bound."""
-        low, high, velocity = (
-            np.full(2, none) if given is None else np.array(given)
-            for given, none in ((self.low, -np.inf), (self.high, np.inf), (self.velocity, np.inf))
-        )
-        return low, high, velocity
+        bounds = (self.low, -np.inf), (self.high, np.inf), (self.velocity, np.inf)
+        return tuple(np.full(2, none if given is None else given) for given, none in bounds)
 
     def violated(self, position: Array, velocity: Array) -> NDArray[np.bool_]:
         """Return True where a bound is violated [...], from position and velocity [... x 2]."""

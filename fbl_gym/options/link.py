@@ -21,8 +21,7 @@ import numpy as np
 
 from fbl_gym.model.arm import ArmParameters, Array, inertia_matrix
 from fbl_gym.model.chain import chain_dynamics, segment_terms
-from fbl_gym.records.checks import Pair
-from fbl_gym.records.record import Numbers, Option, ends, pair
+from fbl_gym.records.record import Numbers, Option, Pair, ends, pair
 
 MOST_SAG = 0.5
 """Largest bend of the links of a horizontal arm under its weight, without payload [rad]."""

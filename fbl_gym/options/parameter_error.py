@@ -52,7 +52,7 @@ class Payload(Option):
         packer.settings["has_payload"] = ends(self.mass)[1] > 0
 
 
-def _ratios(name: str, value: object) -> Ratios:
+def _ratios(name: str, value: object) -> tuple[float, ...]:
     """Return the ratios of m1, m2, L1 and L2, from one number, four numbers or a dict."""
     if isinstance(value, Mapping):
         for parameter in value:
@@ -64,22 +64,17 @@ def _ratios(name: str, value: object) -> Ratios:
         return (check_number(name, value, above=0),) * 4
     if len(value) != 4:
         raise ValueError(f"{name} must be one number, four (m1, m2, L1, L2) or a dict of them, got {value!r}")
-    m1, m2, L1, L2 = (check_number(f"{name} of {p}", x, above=0) for p, x in zip(PARAMETERS, value, strict=True))
-    return m1, m2, L1, L2
+    return tuple(check_number(f"{name} of {p}", x, above=0) for p, x in zip(PARAMETERS, value, strict=True))
 
 
-def times(nominal: Any, ratio: Any, end: int) -> Pair:
+def times(nominal: Any, ratio: Any, end: int) -> Any:
     """Return both joints' least (end 0) or largest (end 1) real numbers."""
-    first, second = (number * ends(x)[end] for number, x in zip(nominal, ratio, strict=True))
-    return first, second
+    return tuple(number * ends(x)[end] for number, x in zip(nominal, ratio, strict=True))
 
 
-def _fraction(nominal: Any, ratio: Any, unit: Pair, end: int) -> Pair:
+def _fraction(nominal: Any, ratio: Any, unit: Pair, end: int) -> Any:
     """Return `times` as fractions of a unit real / nominal; without a ratio, the nominal ones."""
-    if ratio is None:
-        return nominal
-    first, second = times(nominal, ratio, end)
-    return first / unit[0], second / unit[1]
+    return nominal if ratio is None else tuple(np.divide(times(nominal, ratio, end), unit).tolist())
 
 
 class ParameterError(Option):

@@ -2,10 +2,10 @@
 
 from typing import Literal
 
-from fbl_gym.records.record import Option, choice, kind, whole
+from fbl_gym.records.record import Option, choice, whole
 
 
-class MuJoCo(Option):
+class MuJoCo(Option, kind="mujoco"):
     """The physics of MuJoCo, which needs the extra `mujoco`.
 
     Everything else stays the package's: draws, drives, disturbance, sensors, reference and reward.
@@ -21,7 +21,6 @@ class MuJoCo(Option):
     integrator: Literal["RK4", "implicitfast"] = choice("RK4", ("RK4", "implicitfast"))
     substeps: int = whole(1, low=1, high=10_000)
     friction: Literal["coulomb", "breakaway"] = choice("coulomb", ("coulomb", "breakaway"))
-    kind: str = kind("mujoco")
 
 
 PLANTS = (MuJoCo,)

@@ -10,8 +10,7 @@ from typing import Any, ClassVar, TypeAlias
 
 import numpy as np
 
-from fbl_gym.records.checks import Pair
-from fbl_gym.records.record import Number, Numbers, Option, ends, kind, number, pair, table, whole
+from fbl_gym.records.record import Number, Numbers, Option, Pair, ends, number, pair, table, whole
 
 # Joint angles that the default references stay within, one radian about hanging. The moves of
 # `MinimumJerk` then need at most 1,683 and 749 N m of any arm whose masses and lengths lie between
@@ -103,7 +102,7 @@ class _Points(_Reference):
         settings["reference_points"], settings["waypoints"] = n, self.pairs * n
 
 
-class MinimumJerk(_Points):
+class MinimumJerk(_Points, kind="minimum-jerk"):
     """Straight moves in joint space between way-points with minimum jerk (Flash and Hogan 1985).
 
     Args:
@@ -113,12 +112,11 @@ class MinimumJerk(_Points):
 
     move_time: float = number(1.5, unit="s", above=0, kernel="move_time")
     hold_time: float = number(0.5, unit="s", low=0)
-    kind: str = kind("minimum-jerk")
 
     times: ClassVar[tuple[str, ...]] = ("move_time", "hold_time")
 
 
-class Steps(_Points):
+class Steps(_Points, kind="steps"):
     """Levels that jump at regular times, first at t = 0. Velocity and acceleration are zero.
 
     Args:
@@ -126,10 +124,9 @@ class Steps(_Points):
     """
 
     period: float = number(2.0, unit="s", above=0)
-    kind: str = kind("steps")
 
 
-class FilteredSteps(_Points):
+class FilteredSteps(_Points, kind="filtered-steps"):
     """Steps s through a critically damped second-order filter: r'' = w^2 (s - r) - 2 w r'.
 
     Args:
@@ -139,7 +136,6 @@ class FilteredSteps(_Points):
 
     period: float = number(2.0, unit="s", above=0)
     bandwidth: Number = number(5.0, unit="rad/s", above=0, varies=True, kernel="bandwidth")
-    kind: str = kind("filtered-steps")
 
     pairs: ClassVar[int] = 3  # also the filter's state at the start of each segment
 
@@ -173,7 +169,7 @@ class _Oscillation(_Reference):
         settings["reference_table"] = packer.table([*(weights / weights.sum()), *(phase or (0.0, 0.0))])
 
 
-class SineReference(_Oscillation):
+class SineReference(_Oscillation, kind="sine"):
     """The motion centre + amplitude sin(2 pi frequency t + phase).
 
     Args:
@@ -184,10 +180,9 @@ class SineReference(_Oscillation):
     amplitude: Numbers = 0.5
     frequency: Number = number(0.25, unit="Hz", above=0, high=1e6, varies=True, kernel="base_rate", scale=2 * np.pi)
     phase: Pair | float | None = pair(0.0, unit="rad", optional=True, low=-1e6, high=1e6)
-    kind: str = kind("sine")
 
 
-class FourierReference(_Oscillation):
+class FourierReference(_Oscillation, kind="fourier"):
     """An exciting motion: harmonics h of one frequency, amplitudes as 1/h, drawn phases.
 
     Args:
@@ -197,10 +192,9 @@ class FourierReference(_Oscillation):
 
     frequency: Number = number(0.1, unit="Hz", above=0, high=1e6, varies=True, kernel="base_rate", scale=2 * np.pi)
     harmonics: int = whole(5, low=1, high=10_000)
-    kind: str = kind("fourier")
 
 
-class ArrayReference(_Reference):
+class ArrayReference(_Reference, kind="array"):
     """A motion given by samples; the last position holds on.
 
     Args:
@@ -214,7 +208,6 @@ class ArrayReference(_Reference):
     dt: float = number(0.01, unit="s", above=0)
     velocity: tuple[Pair, ...] | None = table(None, unit="rad/s")
     acceleration: tuple[Pair, ...] | None = table(None, unit="rad/s^2")
-    kind: str = kind("array")
 
     @property
     def extremes(self) -> Any:

@@ -7,8 +7,7 @@ from typing import Any, ClassVar
 import numpy as np
 
 from fbl_gym.exact import exp
-from fbl_gym.records.checks import Pair
-from fbl_gym.records.record import Number, Numbers, Option, ends, number, pair, record, scaled, whole
+from fbl_gym.records.record import Number, Numbers, Option, Pair, ends, number, pair, record, scaled, whole
 
 SENSORS = ("position", "velocity", "acceleration")
 

@@ -5,6 +5,7 @@ The checks share these arguments: `name`, of the argument, for the error; `value
 (every valid number is greater; None: no such bound). They return the value, converted to one type.
 """
 
+import contextlib
 import difflib
 import math
 from collections.abc import Callable, Iterable
@@ -31,12 +32,9 @@ def unknown(what: str, name: object, known: Iterable[str]) -> ValueError:
     `what` is the kind of thing that was named, such as "policy".
     """
     names = sorted(known)
-    suggestion = nearest(name, names) or "."
     few = len(names) <= MAX_NAMES
-    near = names if few else difflib.get_close_matches(str(name), names, n=3, cutoff=0.0)
-    return ValueError(
-        f"unknown {what} {name!r}{suggestion} {'Known' if few else 'Nearest'}: {', '.join(near) or 'none'}"
-    )
+    near = ", ".join(names if few else difflib.get_close_matches(str(name), names, n=3, cutoff=0.0)) or "none"
+    return ValueError(f"unknown {what} {name!r}{nearest(name, names) or '.'} {'Known' if few else 'Nearest'}: {near}")
 
 
 def check_choice(name: str, value: object, known: Iterable[str]) -> str:
@@ -70,30 +68,22 @@ def check_flag(name: str, value: object) -> bool:
 
 def bounds_text(low: float = -math.inf, high: float = math.inf, above: float | None = None) -> str:
     """Return bounds in words, such as " greater than 0"; an empty text if there are none."""
-    text = ""
-    if above is not None:
-        text += f" greater than {above:g}"
-    elif low > -math.inf:
-        text += f" not below {low:g}"
-    if high < math.inf:
-        text += f" and not above {high:g}" if text else f" not above {high:g}"
-    return text
+    least = f" not below {low:g}" if above is None else f" greater than {above:g}"
+    bounds = [least] * (above is not None or low > -math.inf) + [f" not above {high:g}"] * (high < math.inf)
+    return " and".join(bounds)
 
 
 def check_number(
     name: str, value: object, *, low: float = -math.inf, high: float = math.inf, above: float | None = None
 ) -> float:
     """Return `value` as a finite float within its bounds; one of NumPy counts as it is printed."""
-    right = "a finite number" + bounds_text(low, high, above)
-    if isinstance(value, bool | np.bool_) or not isinstance(value, int | float | np.integer | np.floating):
-        raise ValueError(f"{name} must be {right}, got {value!r}")
-    try:
-        # A time of 0.01 s in single precision divides an episode as 0.01 does.
-        x = float(str(value) if isinstance(value, np.floating) else value)
-    except OverflowError:
-        x = math.inf
+    x = math.nan
+    if isinstance(value, int | float | np.integer | np.floating) and not isinstance(value, bool):
+        with contextlib.suppress(OverflowError):
+            # A time of 0.01 s in single precision divides an episode as 0.01 does.
+            x = float(str(value) if isinstance(value, np.floating) else value)
     if not math.isfinite(x) or x < low or x > high or (above is not None and x <= above):
-        raise ValueError(f"{name} must be {right}, got {value!r}")
+        raise ValueError(f"{name} must be a finite number{bounds_text(low, high, above)}, got {value!r}")
     return x
 
 

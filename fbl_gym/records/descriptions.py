@@ -4,13 +4,13 @@ import dataclasses
 import inspect
 import re
 from collections.abc import Iterator
-from dataclasses import MISSING, dataclass
+from dataclasses import MISSING
+from typing import NamedTuple
 
 from fbl_gym.records.record import declarations
 
 
-@dataclass(frozen=True)
-class Description:
+class Description(NamedTuple):
     """The documentation of one field, in words.
 
     Args:
@@ -31,16 +31,13 @@ class Description:
     tune: str
 
 
-def describe(cls: type, path: str = "") -> list[Description]:
-    """Return the documentation of the declared fields of a class, and of the records in them.
+def describe(cls: type, path: str = "", described: set[type] | None = None) -> Iterator[Description]:
+    """Yield the documentation of the declared fields of a class, and of the records in them.
 
     A record that several fields may hold is described once, at the first of them. `path` is the
-    text before each field's name.
+    text before each field's name, `described` are the records that are described elsewhere.
     """
-    return list(_describe(cls, path, set()))
-
-
-def _describe(cls: type, path: str, described: set[type]) -> Iterator[Description]:
+    described = set() if described is None else described
     meanings = argument_texts(cls)
     defaults = {field.name: field.default for field in dataclasses.fields(cls)}
     for name, d in declarations(cls).items():
@@ -54,7 +51,7 @@ def _describe(cls: type, path: str, described: set[type]) -> Iterator[Descriptio
             if inner not in described:
                 described.add(inner)
                 by_kind = f"[{inner.kind}]" if hasattr(inner, "kind") else ""
-                yield from _describe(inner, f"{path}{name}{by_kind}.", described)
+                yield from describe(inner, f"{path}{name}{by_kind}.", described)
 
 
 def _text(value: object) -> str:

@@ -29,9 +29,9 @@ from typing import Any, ClassVar, TypeAlias, TypeVar, dataclass_transform
 import numpy as np
 
 from fbl_gym.records import checks
+from fbl_gym.records.checks import Pair
 
 Built = TypeVar("Built")
-Range = tuple[float, float]
 
 _KEY = "declaration"
 
@@ -58,7 +58,7 @@ class Declaration:
     convert: Callable[[str, Any], Any]
     form: str
     unit: str = ""
-    tune: Range | None = None
+    tune: Pair | None = None
     optional: bool = False
     classes: tuple[type, ...] = ()
     varies: bool = False
@@ -82,6 +82,8 @@ class Record:
         kind: the record's name in plain data, for records that take turns in one field.
     """
 
+    kind: str
+
     def __post_init__(self) -> None:
         for name, declaration in declarations(type(self)).items():  # type: ignore[arg-type]
             value = getattr(self, name)
@@ -97,7 +99,8 @@ class Record:
 class Option(Record):
     """Base of the records of a task, from whose declarations the kernel's memory follows.
 
-    Its subclasses are frozen dataclasses without a decorator.
+    Its subclasses are frozen dataclasses without a decorator. The argument `kind` of a class, such
+    as `class Drop(Option, kind="drop")`, declares its field `kind`.
 
     The kernel gets each field that declares `kernel`, the name of its number there: from a setting,
     or, if it varies, from a row of a block, which each episode fills. `pack` writes other numbers.
@@ -110,7 +113,9 @@ class Option(Record):
     derived: ClassVar[Mapping[str, Any]] = {}
     drawn: ClassVar[Mapping[str, Any]] = {}
 
-    def __init_subclass__(cls) -> None:
+    def __init_subclass__(cls, kind: str | None = None) -> None:
+        if kind is not None:
+            cls.kind, cls.__annotations__["kind"] = choice(kind, (kind,)), str
         dataclass(frozen=True)(cls)
 
     def check(self, scenario: Any) -> None:
@@ -133,31 +138,16 @@ def steps(scenario: Any) -> float:
 
 
 def declared(
-    default: Any,
-    convert: Callable[[str, Any], Any],
-    form: str,
-    unit: str = "",
-    *,
-    optional: bool = False,
-    **options: Any,
+    default: Any, convert: Callable[[str, Any], Any], form: str, *, optional: bool = False, **more: Any
 ) -> Any:
     """Declare a field with its own conversion; see `Declaration`."""
-    declaration = Declaration(convert, form, unit, optional=optional or default is None, **options)
+    declaration = Declaration(convert, form, optional=optional or default is None, **more)
     return dataclasses.field(default=default, metadata={_KEY: declaration})
 
 
-def number(
-    default: Any = MISSING,
-    *,
-    varies: bool = False,
-    joints: bool = False,
-    low: float = -math.inf,
-    high: float = math.inf,
-    above: float | None = None,
-    **options: Any,
-) -> Any:
+def number(default: Any = MISSING, *, varies: bool = False, joints: bool = False, **options: Any) -> Any:
     """Declare a finite number; with `joints`, one or two, where one stands for both joints."""
-    bounds: Any = {"low": low, "high": high, "above": above}
+    bounds = {name: options.pop(name) for name in ("low", "high", "above") if name in options}
     check: Any = functools.partial(_check_varying if varies else checks.check_number, **bounds)
     form = ("a number or distribution" if varies else "a number") + checks.bounds_text(**bounds)
     if joints:
@@ -193,7 +183,7 @@ def choices(default: Any, known: Iterable[str]) -> Any:
 
 def table(default: Any = MISSING, *, unit: str = "") -> Any:
     """Declare rows of one number per joint, [n x 2]."""
-    return declared(default, checks.check_table, "an array [n x 2]", unit)
+    return declared(default, checks.check_table, "an array [n x 2]", unit=unit)
 
 
 def record(cls: type, default: Any = MISSING, *, scalar: str | None = None, none: Any = None) -> Any:
@@ -211,11 +201,6 @@ def one_of(classes: tuple[type, ...], default: Any = MISSING) -> Any:
     return declared(default, functools.partial(build_kind, classes=classes), form, classes=classes)
 
 
-def kind(name: str) -> Any:
-    """Declare the field that names the kind of a record in plain data."""
-    return choice(name, (name,))
-
-
 def _names(known: Iterable[str]) -> str:
     return either([f'"{name}"' for name in known])
 
@@ -223,10 +208,6 @@ def _names(known: Iterable[str]) -> str:
 def either(texts: Sequence[str], word: str = "or") -> str:
     """Return "a, b or c"."""
     return f" {word} ".join(filter(None, (", ".join(texts[:-1]), texts[-1])))
-
-
-def _is_required(field: dataclasses.Field[Any]) -> bool:
-    return field.init and field.default is MISSING and field.default_factory is MISSING
 
 
 def _article(cls: type) -> str:
@@ -250,8 +231,8 @@ class Distribution(Record):
         choice: values with the same chance each.
     """
 
-    uniform: Range | None = declared(None, _check_values, "two numbers in order")
-    log_uniform: Range | None = declared(
+    uniform: Pair | None = declared(None, _check_values, "two numbers in order")
+    log_uniform: Pair | None = declared(
         None, functools.partial(_check_values, above=0.0), "two numbers in order, greater than 0"
     )
     choice: tuple[float, ...] | None = declared(None, _check_values, "one number or more")
@@ -281,7 +262,7 @@ Numbers: TypeAlias = Number | tuple[Number, Number]
 """One such number per joint, or one for both."""
 
 
-def ends(value: Any) -> Range:
+def ends(value: Any) -> Pair:
     """Return the lowest and the highest value of a number, a distribution, or a pair of them."""
     if isinstance(value, tuple):
         each = [ends(item) for item in value]
@@ -328,7 +309,7 @@ def declarations(cls: type) -> dict[str, Declaration]:
     return {field.name: field.metadata[_KEY] for field in fields if _KEY in field.metadata}
 
 
-def tuning_ranges(cls: type) -> dict[str, tuple[float, float]]:
+def tuning_ranges(cls: type) -> dict[str, Pair]:
     """Return the tuning range of each gain of a law's class that has one, by name."""
     return {name: d.tune for name, d in declarations(cls).items() if d.tune is not None}
 
@@ -352,7 +333,8 @@ def build(name: str, value: object, cls: type[Built], *, scalar: str | None = No
     for key in given:
         if key not in fields:
             raise checks.unknown(f"field of {name}", key, fields)
-    if lacking := [key for key, field in fields.items() if _is_required(field) and key not in given]:
+    required = (name for name, field in fields.items() if (field.default, field.default_factory) == (MISSING, MISSING))
+    if lacking := [name for name in required if name not in given]:
         raise ValueError(f"{name} must give {either(lacking, 'and')}, got {given!r}")
     try:
         return cls(**given)
@@ -370,9 +352,7 @@ def build_kind(name: str, value: object, classes: tuple[type, ...]) -> Any:
     if not isinstance(value, Mapping) or "kind" not in value:
         known = ", ".join(sorted(by_kind))
         raise ValueError(f"{name} must be one of its records, or a dict with a 'kind' of {known}, got {value!r}")
-    if not isinstance(value["kind"], str) or value["kind"] not in by_kind:
-        raise checks.unknown(f"kind of {name}", value["kind"], by_kind)
-    return build(name, value, by_kind[value["kind"]])
+    return build(name, value, by_kind[checks.check_choice(f"kind of {name}", value["kind"], by_kind)])
 
 
 def merged(base: Any, changes: Any) -> Any:

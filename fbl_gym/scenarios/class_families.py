@@ -78,6 +78,10 @@ def log_uniform(ends: tuple[float, float], scale: float = 1.0) -> dict[str, Any]
     return {"log_uniform": (scale * ends[0], scale * ends[1])}
 
 
+def _around_one(off: float) -> dict[str, Any]:
+    return uniform(1 - off, 1 + off)
+
+
 def _times(value: Any, factor: Any) -> Any:
     """Return plain data whose numbers are multiplied; two factors are for two joints."""
     if isinstance(value, dict):
@@ -99,7 +103,7 @@ def _beyond(distribution: Mapping[str, Sequence[float]], factor: float) -> dict[
 
 def _bodies(scale: Scale, r: float) -> dict[str, Any]:
     r = scale.size * r
-    return {"parameter_error": {"radius": r, "centre": uniform(1 - r / 2, 1 + r / 2), "inertia": uniform(1 - r, 1 + r)}}
+    return {"parameter_error": {"radius": r, "centre": _around_one(r / 2), "inertia": _around_one(r)}}
 
 
 def _payload(scale: Scale, share: float) -> dict[str, Any]:
@@ -113,19 +117,9 @@ def _delay(scale: Scale, more: float) -> dict[str, Any]:
     return {"actuator": {"delay": uniform(low, high + scale.size * 1e-3 * more)}}
 
 
-def _disturbance(scale: Scale, percent: float) -> dict[str, Any]:
-    amplitude = tuple(scale.size * 0.01 * percent * scale.weight)
-    return {"disturbance": {"kind": "piecewise-constant", "amplitude": amplitude}}
-
-
 def _saturation(scale: Scale, acceleration: float) -> dict[str, Any]:
     moves = MinimumJerk(*BOX, move_time=0.6 * scale.robot.move_time, hold_time=0.6)
     return {"reference": moves, "actuator": {"torque_limit": tuple(1.6 * scale.weight + acceleration * scale.reach)}}
-
-
-def _torque_constant(scale: Scale, percent: float) -> dict[str, Any]:
-    off = scale.size * 0.01 * percent
-    return {"actuator": {"gain": uniform(1 - off, 1 + off)}}
 
 
 def _datasheet(scale: Scale, samples: float, factor: float, percent: float) -> dict[str, Any]:
@@ -170,12 +164,14 @@ _FAMILIES: dict[str, Callable[..., dict[str, Any]]] = {
     "friction": lambda scale, factor: {
         "friction": _times(scale.robot.weight["friction"], scale.size * factor * scale.weight)
     },
-    "disturbance": _disturbance,
+    "disturbance": lambda scale, percent: {
+        "disturbance": {"kind": "piecewise-constant", "amplitude": tuple(scale.size * 0.01 * percent * scale.weight)}
+    },
     "elastic": lambda scale, rates: scale.springs([rate / scale.size for rate in rates]),
     "backlash": lambda scale, gap, rates: scale.springs(rates, gap),
     "ripple": lambda scale, percent: {"actuator": {"ripple": tuple(scale.size * 0.01 * percent * scale.weight)}},
     "saturation": _saturation,
-    "torque-constant": _torque_constant,
+    "torque-constant": lambda scale, percent: {"actuator": {"gain": _around_one(scale.size * 0.01 * percent)}},
     "datasheet": _datasheet,  # the last one, since it goes beyond the ranges of the others
 }  # fmt: skip
 """Functions that return fields of `Scenario`, from the scales of an arm and a family's numbers."""

@@ -64,11 +64,9 @@ def board(robot: str, family: str, severity: int, arm: ArmParameters | None) -> 
 
 def practice(robot: str, family: str, severity: int, arm: ArmParameters | None) -> dict[str, Any]:
     """Return a scenario for tuning and training: with other arms and motions than on the board."""
-    task = _turn(robot, family, severity, arm, _PRACTICE_ARMS)
-    speed = 1.5 if family == "saturation" else 1.0
-    frequency = speed * 0.24 / CLASSES[robot].move_time
+    frequency = (1.5 if family == "saturation" else 1.0) * 0.24 / CLASSES[robot].move_time
     motion = {"kind": "fourier", "amplitude": (1.5, 2.0), "frequency": frequency, "harmonics": 4}
-    return task | {"reference": motion, "duration": 4.8}
+    return _turn(robot, family, severity, arm, _PRACTICE_ARMS) | {"reference": motion, "duration": 4.8}
 
 
 def surprise(robot: str, family: str, _: int, arm: ArmParameters | None) -> dict[str, Any]:

@@ -25,7 +25,7 @@ from typing import Any
 from fbl_gym.model.arm import ArmParameters
 from fbl_gym.model.urdf import FILE, RobotFile, read_robot
 from fbl_gym.reading import read_text
-from fbl_gym.records.checks import unknown
+from fbl_gym.records.checks import check_choice, unknown
 from fbl_gym.records.record import build, merged, naming
 from fbl_gym.scenarios.scenario import Scenario, as_arm
 from fbl_gym.scenarios.tiers import MEMBERS, TIERS, in_tier, tier_scenario
@@ -75,10 +75,8 @@ def load(path: Path, entry: str, above: tuple[str, ...] = ()) -> Scenario:
         raise ValueError(f"{path}: base must be another scenario, but leads back to this file")
     table = read_toml(path)
     if entry:
-        names = [each if isinstance(each, str) else each.get("name") for each in table.get("scenarios", ())]
-        if entry not in names:
-            raise unknown(f"scenario of {path}", entry, filter(None, names))
-        table = table["scenarios"][names.index(entry)]
+        entries = {each if isinstance(each, str) else each.get("name"): each for each in table.get("scenarios", ())}
+        table = entries[check_choice(f"scenario of {path}", entry, filter(None, entries))]
         if isinstance(table, str):
             return get(table)
     elif "scenarios" in table:

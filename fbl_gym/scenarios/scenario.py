@@ -1,12 +1,10 @@
 """The scenario: a nominal arm, its uncertainties, a reference and the rates."""
 
-from __future__ import annotations
-
 import dataclasses
 import json
 import math
 from collections.abc import Mapping
-from typing import Any, ClassVar, Literal
+from typing import Any, ClassVar, Literal, Self
 
 from fbl_gym.interface import class_of
 from fbl_gym.model.arm import ARMS, TABLE_1, ArmParameters, Links
@@ -228,7 +226,7 @@ class Scenario(Option):
         """Return the number of control intervals in an episode."""
         return round(self.duration / self.control_dt)
 
-    def replace(self, **changes: Any) -> Scenario:
+    def replace(self, **changes: Any) -> Self:
         """Return a scenario with some fields changed.
 
         Args:
@@ -247,7 +245,7 @@ class Scenario(Option):
         return json.loads(json.dumps(dataclasses.asdict(self)))
 
     @staticmethod
-    def from_dict(data: Mapping[str, Any]) -> Scenario:
+    def from_dict(data: Mapping[str, Any]) -> "Scenario":
         """Return the scenario that `to_dict` described.
 
         Args:

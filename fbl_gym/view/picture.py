@@ -3,8 +3,6 @@
 Shapes are drawn larger than the frame and averaged, so that edges are smooth.
 """
 
-from __future__ import annotations
-
 import functools
 import math
 import os
