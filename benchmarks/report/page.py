@@ -33,14 +33,13 @@ def pareto(board: Board) -> dict[str, Any] | None:
 
     It has a description, and Plotly's `data` and `layout`.
 
-    None: there are no efforts. The name of a Plotly trace is its policy, so that the page can hide
-    the policies that its filters hide.
+    None: no policy has an effort. The name of a Plotly trace is its policy, so that the page can
+    hide the policies that its filters hide.
     """
-    if (effort := board.effort) is None:
+    effort, error, lost = board.effort, board.error().value, board.lost.value
+    points = sorted((error[i], effort[i], i) for i in board.ranked if effort[i] > 0 and lost[i] <= MOST_LOST)
+    if not points:
         return None
-    error, lost = board.error().value, board.lost.value
-    ranked = [i for i in board.ranked if effort[i] > 0 and lost[i] <= MOST_LOST]
-    points = sorted((error[i], effort[i], i) for i in ranked)
     front = [point for k, point in enumerate(points) if all(point[1] < other[1] for other in points[:k])]
     line = {
         "type": "scatter", "mode": "lines", "x": [x for x, _, _ in front], "y": [y for _, y, _ in front],
@@ -48,7 +47,7 @@ def pareto(board: Board) -> dict[str, Any] | None:
     }  # fmt: skip
     chosen = [i for *_, i in sorted(points, key=lambda point: point not in front)]  # the front first
     row = {i: k for k, i in enumerate(board.order)}
-    ends = {points[0][2]: "top right", points[-1][2]: "top left"} if points else {}
+    ends = {points[0][2]: "top right", points[-1][2]: "top left"}
     marks = [
         {
             "type": "scatter", "name": board.policies[i], "x": [error[i]], "y": [effort[i]], "mode": "markers+text",

@@ -94,11 +94,8 @@ def _board(board: Board, selected: Sequence[Column], chosen: Sequence[int]) -> D
     """Return a table with some columns and policies of a board."""
     rows = []
     for i in chosen:
-        ranked = board.specs[i].ranked
-        leads = [ranked and column.leads(i, board.ranked) for column in selected]
-        cells = [column.cell(i, brief=True) for column in selected]
-        cells[0] = cells[0] if ranked else f"({cells[0]})"
-        rows.append([Text(cell, "green" if best else "") for cell, best in zip(cells, leads, strict=True)])
+        cells = [Text(column.cell(i, brief=True), "green" if i in column.leaders else "") for column in selected]
+        rows.append(cells if i in board.ranked else [Text(f"({cells[0]})"), *cells[1:]])
     beside = "".join(f", {len(some)} of {tier} without a rank" for tier, some in [*board.tiers.items()][1:])
     counts = {"scenario": len(board.main), "seed": len(board.seeds)}
     title = f"{beside}, ".join(f"{n} {name}{'s' * (n != 1)}" for name, n in counts.items())
