@@ -12,9 +12,9 @@ import numpy as np
 
 from benchmarks.analysis.board import Board
 from benchmarks.analysis.statistics import Estimate
-from benchmarks.cli.arguments import add_arguments, trust
 from benchmarks.cli.common import run_all
 from benchmarks.cli.leaderboard import boards_of, suites_of
+from benchmarks.cli.parser import add_arguments, trust
 from benchmarks.run.store import Store
 from fbl_gym.model.arm import Array
 

@@ -5,7 +5,6 @@ Its figure is plain data in Plotly's format.
 
 import json
 from collections.abc import Sequence
-from importlib import resources
 from pathlib import Path
 from typing import Any
 
@@ -75,8 +74,7 @@ def write_page(path: Path, board: Board, results: Sequence[Result], command: str
         results: those of the board's cells, for their provenance.
         command: that wrote the page.
     """
-    from jinja2 import Environment, StrictUndefined  # the extra `analysis`
-    from plotly.offline import get_plotlyjs
+    from plotly.offline import get_plotlyjs  # the extra `analysis`
 
     latest = max((result.provenance for result in results), key=lambda origin: origin.get("time", ""))
     made = {"computed with": "command", "on": "machine", "at": "time", "Python": "python"}
@@ -85,9 +83,16 @@ def write_page(path: Path, board: Board, results: Sequence[Result], command: str
     figure = pareto(board)
     # In a script element only "<" could end it; JSON reads the escaped character as the same.
     data = json.dumps(figure, ensure_ascii=False, allow_nan=False).replace("<", "\\u003c")
-    template = resources.files("benchmarks.report").joinpath("page.html").read_text(encoding="utf-8")
-    page = Environment(
-        autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True, keep_trailing_newline=True
-    ).from_string(template)
     parts = {"board": board, "columns": columns(board), "facts": facts, "figure": figure, "data": data}
-    write_text(path, page.render(**parts, plotly=get_plotlyjs()))
+    write_text(path, render("page.html", **parts, plotly=get_plotlyjs()))
+
+
+def render(name: str, **parts: Any) -> str:
+    """Return a template of this folder with its parts, which one of HTML escapes."""
+    from jinja2 import Environment, StrictUndefined  # the extra `analysis`
+
+    environment = Environment(
+        autoescape=name.endswith(".html"), undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True,
+        keep_trailing_newline=True,
+    )  # fmt: skip
+    return environment.from_string(Path(__file__).with_name(name).read_text(encoding="utf-8")).render(**parts)
