@@ -12,9 +12,9 @@ import numpy as np
 
 from benchmarks.analysis.board import Board
 from benchmarks.analysis.statistics import Estimate
-from benchmarks.cli.arguments import add_arguments, trust
 from benchmarks.cli.common import run_all
 from benchmarks.cli.leaderboard import boards_of, suites_of
+from benchmarks.cli.parser import add_arguments, trust
 from benchmarks.run.store import Store
 from fbl_gym.model.arm import Array
 
@@ -37,8 +37,7 @@ def coverage(board: Board, seeds: int) -> dict[str, Array]:
         some = np.arange(len(board.seeds)) // seeds == k
         small, others = board.of_seeds(some), board.of_seeds(~some)
         for name, numbers in (("error", Board.error), ("lost", lambda x: x.lost), ("rank", lambda x: x.rank)):
-            of_ranked = slice(None) if name == "rank" else board.ranked
-            held.setdefault(name, []).append(_holds(numbers(small), numbers(others))[of_ranked])
+            held.setdefault(name, []).append(_holds(numbers(small), numbers(others))[board.ranked])
     return {name: np.mean(rows, axis=0) for name, rows in held.items()}
 
 

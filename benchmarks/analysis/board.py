@@ -153,8 +153,11 @@ class Board:
 
     @property
     def rank(self) -> statistics.Estimate:
-        """Rank of each policy in `ranked` by its penalized error in the tier that ranks."""
-        return statistics.ranks(self.penalized()[:, self.ranked])
+        """Rank of each policy [p] by its penalized error in the tier that ranks, or NaN."""
+        ranked = statistics.ranks(self.penalized()[:, self.ranked])
+        every = np.full((3, len(self.rows)), np.nan)
+        every[:, self.ranked] = ranked.value, ranked.low, ranked.high
+        return statistics.Estimate(*every)
 
     @cached_property
     def order(self) -> list[int]:
@@ -162,10 +165,10 @@ class Board:
         level = self.penalized()[0]
         return sorted(range(len(self.rows)), key=lambda i: (not self.specs[i].ranked, level[i]))
 
-    def times_oracle(self, some: Sequence[int] | None = None) -> Array | None:
-        """Return the penalized error of each policy in that of the best oracle [p], if any."""
+    def times_oracle(self, some: Sequence[int] | None = None) -> Array:
+        """Return the penalized error of each policy in that of the best oracle [p], or NaN."""
         level = self.penalized(some)[0]
-        return level / level[self.oracles].min() if self.oracles else None
+        return level / np.fmin.reduce(level[self.oracles], initial=np.nan)
 
     @property
     def lost(self) -> statistics.Estimate:
@@ -195,16 +198,15 @@ class Board:
         return np.exp([np.log(x[:, self.main if some is None else some]).mean() for x in self.split(runs)])
 
     @property
-    def effort(self) -> Array | None:
+    def effort(self) -> Array:
         """Torque variation of each policy in that of the best oracle, the median of scenarios [p].
 
-        None: there is no oracle, or one that applies no torque.
+        NaN: there is no oracle, or one that applies no torque.
         """
         medians = self.split(np.median(self.runs["variation"][:, self.main], axis=-1))
-        least = min(self.oracles, key=self.penalized()[0].__getitem__, default=None)
-        if least is None or not (usual := medians[least].mean(axis=0)).all():
-            return None
-        return np.array([np.median(rows / usual, axis=-1).mean() for rows in medians])
+        oracles = [i for i in self.order if i in self.oracles]
+        usual = medians[oracles[0]].mean(axis=0) if oracles else np.zeros(1)
+        return np.array([np.median(rows / usual, axis=-1).mean() if usual.all() else np.nan for rows in medians])
 
 
 def tier_of(scenario: str) -> str:
@@ -248,58 +250,56 @@ def assemble(results: Sequence[Result], expected: Sequence[Cell] = ()) -> Board:
         ValueError: two different scenarios or policies share a name, seeds differ, or no policy is
             complete.
     """
-    tasks = [*_by_name(result.cell.scenario for result in results if result.rows)]
+    tasks = _by_name(result.cell.scenario for result in results if result.rows)
     specs = _by_name(cell.policy for cell in (*(result.cell for result in results), *expected))
     stored: dict[str, dict[str, Result]] = {name: {} for name in specs}
     for result in results:
         stored[result.cell.policy.name][result.cell.scenario.name] = result
-    pairs = [(row, spec) for spec in specs.values() for row in spec.rows or (spec.name,)]
-    members = {row: tuple(spec for name, spec in pairs if name == row) for row, _ in pairs}
-    reasons = {row: _why_left_out(some, stored, tasks) for row, some in members.items()}
-    rows = {row: some for row, some in members.items() if not reasons[row]}
-    incomplete = {row: reason for row, reason in reasons.items() if reason}
+    still = {result.cell.scenario.name: [*map(_motionless, result.rows)] for result in results if result.rows}
+    members: dict[str, list[PolicySpec]] = {}
+    for spec in specs.values():
+        for row in spec.rows or (spec.name,):
+            members.setdefault(row, []).append(spec)
+    rows, incomplete, failed = {}, {}, {}
+    runs, keys, decision_us = [], [], []
+    for row, some in members.items():
+        reasons = {spec.name: reason for spec in some if (reason := _why_left_out(stored[spec.name], tasks))}
+        if reasons:
+            name, reason = next(iter(reasons.items()))
+            incomplete[row] = reason if len(some) == 1 else f"{name}: {reason}"
+            continue
+        found = [stored[spec.name][task] for spec in some for task in tasks]
+        errors = {result.cell.scenario.name: result.error for result in found if result.error}
+        runs += [[still[task] if task in errors else stored[spec.name][task].rows for task in tasks] for spec in some]
+        keys += [result.cell.key for result in found]
+        decision_us.append(np.nanmedian([result.decision_us for result in found]))
+        rows[row], failed[row] = tuple(some), errors
     if not rows:
         listed = "; ".join(f"{row}: {reason}" for row, reason in incomplete.items()) or "the store has no cell"
         raise ValueError(f"there is no policy with a result for every scenario: {listed}")
     seeds = {result.cell.seeds for result in results}
     if len(seeds) > 1:
         raise ValueError(f"results must be of the same seeds, got {' and '.join(str(len(x)) for x in seeds)} seeds")
-    found = {row: [stored[spec.name][task] for spec in some for task in tasks] for row, some in rows.items()}
-    errors = {row: {x.cell.scenario.name: x.error for x in some if x.error} for row, some in found.items()}
-    still = {result.cell.scenario.name: [*map(_motionless, result.rows)] for result in results if result.rows}
-    table = [
-        [still[task] if task in errors[row] else stored[spec.name][task].rows for task in tasks]
-        for row, some in rows.items() for spec in some
-    ]  # fmt: skip
     names = dict.fromkeys(cell.scenario.name for cell in expected)
     absent = [name for name in names if name not in tasks]
-    keys = sorted(result.cell.key for some in found.values() for result in some)
     return Board(
         rows, tuple(tasks), seeds.pop(),
-        runs={name: np.array([[[run[name] for run in cell] for cell in line] for line in table]) for name in METRICS},
-        decision_us=np.array([np.median([x.decision_us for x in some if x.rows]) for some in found.values()]),
-        incomplete=incomplete,
+        runs={name: np.array([[[run[name] for run in cell] for cell in line] for line in runs]) for name in METRICS},
+        decision_us=np.array(decision_us), incomplete=incomplete,
         lacking=f"{len(absent)} of {len(names)} scenarios have no results: {', '.join(absent)}" if absent else "",
-        failed={row: some for row, some in errors.items() if some},
-        version=hashlib.sha256("".join(keys).encode()).hexdigest()[:12],
+        failed={row: errors for row, errors in failed.items() if errors},
+        version=hashlib.sha256("".join(sorted(keys)).encode()).hexdigest()[:12],
     )  # fmt: skip
 
 
-def _why_left_out(
-    members: Sequence[PolicySpec], stored: Mapping[str, Mapping[str, Result]], tasks: Sequence[str]
-) -> str:
-    """Return the reason why a row has no place on the board; empty: it has one."""
-    for spec in members:
-        results = stored[spec.name]
-        lacking = [task for task in tasks if task not in results]
-        if results and all(result.error for result in results.values()):
-            reason = next(iter(results.values())).error
-        elif lacking or not results:
-            reason = "no result yet" + (f" for {_and_more(lacking)}" if results else "")
-        else:
-            continue
-        return reason if len(members) == 1 else f"{spec.name}: {reason}"
-    return ""
+def _why_left_out(results: Mapping[str, Result], tasks: Iterable[str]) -> str:
+    """Return the reason why a member with some results has no place on the board; empty: it has."""
+    if results and all(result.error for result in results.values()):
+        return next(iter(results.values())).error
+    if not results:
+        return "no result yet"
+    lacking = [task for task in tasks if task not in results]
+    return f"no result yet for {_and_more(lacking)}" if lacking else ""
 
 
 def _motionless(row: dict[str, float]) -> dict[str, float]:

@@ -6,7 +6,6 @@ It is imported only when that command runs. What only some runs need, such as a
 figure, is imported where it is used.
 """
 
-from benchmarks.cli.arguments import COMMANDS, EXTRAS
-from benchmarks.cli.parser import main, prepare
+from benchmarks.cli.parser import COMMANDS, EXTRAS, main, prepare
 
 __all__ = ["COMMANDS", "EXTRAS", "main", "prepare"]

@@ -2,7 +2,8 @@
 
 import argparse
 import sys
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from pathlib import Path
 
 from rich.progress import track
 
@@ -11,6 +12,7 @@ from benchmarks.report.terminal import Screen
 from benchmarks.run.cell import Cell
 from benchmarks.run.runner import run
 from benchmarks.run.store import Result, Store
+from benchmarks.text import say
 
 
 def command_line() -> str:
@@ -21,6 +23,13 @@ def command_line() -> str:
 def limits_of(arguments: argparse.Namespace) -> CallLimits | None:
     """Return the limits of a cell that the arguments give; None: those of external policies."""
     return CallLimits(arguments.cell_timeout, arguments.cell_memory) if "cell_timeout" in arguments else None
+
+
+def write(path: Path | None, name: str, writer: Callable[[Path], object], about: str = "") -> None:
+    """Write the file of an argument and say so; None: the argument is not given."""
+    if path is not None:
+        writer(path)
+        say(f"{name}: {path}{about}")
 
 
 def run_all(cells: Sequence[Cell], arguments: argparse.Namespace) -> dict[str, Result]:

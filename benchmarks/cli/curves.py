@@ -6,12 +6,12 @@ import json
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pandas as pd
 
 from benchmarks.analysis.statistics import Estimate, geometric_mean, interval, resample
+from benchmarks.cli.common import write
 from benchmarks.report.plot import Line, Panel, plot_lines
 from benchmarks.report.terminal import show
 from benchmarks.run.expansion import training
@@ -28,7 +28,8 @@ class Group:
 
     Attributes:
         name: of the first run's folder, without the seed at its end.
-        runs: columns of `curve.csv` by name, of each run; each [n].
+        runs: of each run, the steps and the processor time [s], and `best`, the validation error of
+            its best agent so far [mrad]; each [n].
     """
 
     name: str
@@ -40,9 +41,8 @@ class Group:
 
     def errors(self, axis: str, points: Array) -> Array:
         """Return the validation error of each run's best agent so far [runs x points, mrad]."""
-        best = [np.minimum.accumulate(run["validation_mrad"]) for run in self.runs]
         places = [np.searchsorted(run[axis], points, side="right") - 1 for run in self.runs]
-        return np.array([errors[np.maximum(place, 0)] for errors, place in zip(best, places, strict=True)])
+        return np.array([run["best"][np.maximum(k, 0)] for run, k in zip(self.runs, places, strict=True)])
 
     def estimate(self, axis: str, points: Array) -> Estimate:
         """Return the geometric mean of the errors over the runs, with its 95 % interval."""
@@ -57,28 +57,24 @@ def read_groups(folders: Sequence[Path]) -> tuple[Group, ...]:
         ValueError: a folder has no run, or one of other scenarios, or a group has a training seed
             twice.
     """
-    groups: dict[str, dict[int, tuple[Path, dict[str, Array]]]] = {}
-    first: dict[str, Any] = {}
+    groups: dict[str, tuple[str, dict[int, tuple[Path, dict[str, Array]]]]] = {}
     for folder in folders:
         try:
             settings, seed = training(folder)
             table = pd.read_csv(io.StringIO(read_text(folder / "curve.csv")))
-            run = {name: table[name].to_numpy(float) for name in ("steps", "cpu_s", "validation_mrad")}
+            run = {axis: table[axis].to_numpy(float) for axis in AXES}
+            run["best"] = np.minimum.accumulate(table["validation_mrad"].to_numpy(float))
         except (OSError, ValueError, KeyError, TypeError, AttributeError) as problem:
             reason = reason_of(problem)
             raise ValueError(f"RUN must be a folder of fbl-gym train, got {str(folder)!r} ({reason})") from None
-        tasks = json.loads(settings).get("scenarios")
-        if tasks != first.setdefault("tasks", tasks):
+        _, runs = groups.setdefault(settings, (folder.resolve().name.removesuffix(f"-{seed}"), {}))
+        tasks, first = (json.loads(each).get("scenarios") for each in (settings, next(iter(groups))))
+        if tasks != first:
             raise ValueError(f"RUN must have trained on the scenarios of the first RUN, got {str(folder)!r}")
-        runs = groups.setdefault(settings, {})
         if seed in runs:
             raise ValueError(f"RUN must differ in settings or seed, got {str(runs[seed][0])!r} and {str(folder)!r}")
         runs[seed] = folder, run
-    named = []
-    for runs in groups.values():
-        seed, (folder, _) = next(iter(runs.items()))
-        named.append(Group(folder.resolve().name.removesuffix(f"-{seed}"), tuple(run for _, run in runs.values())))
-    return tuple(named)
+    return tuple(Group(name, tuple(run for _, run in runs.values())) for name, runs in groups.values())
 
 
 def run(arguments: argparse.Namespace) -> int:
@@ -93,12 +89,11 @@ def run(arguments: argparse.Namespace) -> int:
         rows.append([group.name, str(len(group.runs)), f"{ends.min():,.0f} to {ends.max():,.0f}", *errors])
     show("Validation error [mrad]", header, rows)
     print("Geometric mean over the training seeds, of the best agent so far, with a 95 % interval over these seeds.")
-    if arguments.plot is not None:
-        panels = [
-            Panel("", label, "validation error [mrad]", tuple(_line(group, axis) for group in groups), ("log", "log"))
-            for axis, label in AXES.items()
-        ]
-        plot_lines("Learning curves", panels, arguments.plot, arguments.width, across=2)
+    panels = [
+        Panel("", label, "validation error [mrad]", tuple(_line(group, axis) for group in groups), ("log", "log"))
+        for axis, label in AXES.items()
+    ]
+    write(arguments.plot, "plot", lambda path: plot_lines("Learning curves", panels, path, arguments.width, across=2))
     return 0
 
 

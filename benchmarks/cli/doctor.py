@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks.cli.arguments import EXTRAS
+from benchmarks.cli.parser import EXTRAS
 from benchmarks.run.rollout import rollout
 from benchmarks.run.store import provenance
 from fbl_gym import TwoLinkArmVectorEnv, scenarios
@@ -68,7 +68,7 @@ def _check_readings() -> int:
     print(f"readings less the true motion [rad, rad/s, rad/s^2]: {errors}")
     if wrong:
         print(f"something is wrong with {', '.join(wrong)}: remove the compiled code and run this again")
-    return 1 if wrong else 0
+    return int(bool(wrong))
 
 
 def _self_check() -> int:

@@ -8,7 +8,7 @@ from functools import partial
 import numpy as np
 
 from benchmarks.analysis.statistics import geometric_mean, proportion, resample, tail_mean, wins
-from benchmarks.cli.common import command_line
+from benchmarks.cli.common import command_line, write
 from benchmarks.policies.spec import resolve
 from benchmarks.report import terminal
 from benchmarks.report.columns import Table, number
@@ -60,21 +60,15 @@ def run(arguments: argparse.Namespace) -> int:
     for policy, name in names.items():
         for path in name.gains_of_other_arms(scenario.arm):
             say(f"{policy}: {path} has the gains of another arm than that of {scenario.name}")
-    if arguments.tex is not None:
-        width = 3 if alone else len(table.header)  # without the meaning of the metrics
-        write_table(arguments.tex, table.header[:width], [row[:width] for row in table.rows], command_line())
-        say(f"table: {arguments.tex}")
-    if arguments.plot is not None:
-        draw(arguments.plot, arguments.width)
-        say(f"plot: {arguments.plot}, {caption(arguments.seeds)}")
+    width = 3 if alone else len(table.header)  # without the meaning of the metrics
+    cells = table.header[:width], [row[:width] for row in table.rows], command_line()
+    write(arguments.tex, "table", lambda path: write_table(path, *cells))
+    write(arguments.plot, "plot", lambda path: draw(path, arguments.width), f", {caption(arguments.seeds)}")
     for policy, trace in last.items() if detailed else ():
         own = "" if alone else "-" + re.sub(r"[^\w.+@=-]", "-", policy)
-        export(trace, path := arguments.trace.with_stem(arguments.trace.stem + own))
-        say(f"trace: {path}")
-    if arguments.csv is not None:
-        cells = [((policy, i), seeds, rows) for policy, trials in runs.items() for i, rows in enumerate(trials, 1)]
-        write_runs(arguments.csv, ("policy", "trial"), cells)
-        say(f"runs: {arguments.csv}")
+        write(arguments.trace.with_stem(arguments.trace.stem + own), "trace", partial(export, trace))
+    every = [((policy, i), seeds, rows) for policy, trials in runs.items() for i, rows in enumerate(trials, 1)]
+    write(arguments.csv, "runs", lambda path: write_runs(path, ("policy", "trial"), every))
     return 0
 
 

@@ -1,12 +1,13 @@
 """The command `fbl-gym identify`: from the logs of a robot to a scenario."""
 
 import argparse
+from collections.abc import Callable
 from functools import partial
 
 import numpy as np
 from rich.progress import Progress
 
-from benchmarks.cli.common import command_line
+from benchmarks.cli.common import command_line, write
 from benchmarks.files import write_text
 from benchmarks.identification import excitation, logs, result
 from benchmarks.identification.fit import TERMS, Fit, identify, refuse_meaningless, rollout_errors, standing_still
@@ -59,22 +60,16 @@ def _print(fit: Fit) -> None:
         (name, f"{value:.4g}", f"{low:.4g} - {high:.4g}", f"needs {fit.weak[name]}" if name in fit.weak else "")
         for name, value, (low, high) in fit.estimates()
     ]
-    header = ("number", "estimate", "90 % interval", "hardly told by these logs")
-    show("identified arm", header, rows, "left")
-    trials = ", ".join(
-        f"{term} {100 * ratio - 100:+.0f} % ({'stays' if TERMS[term][0] in fit.free else _kept(fit, term)})"
-        for term, ratio in fit.trials.items()
-    )
-    say(f"error on windows that were not fitted, with each term: {trials}")
+    show("identified arm", ("number", "estimate", "90 % interval", "hardly told by these logs"), rows, "left")
+    trials = []
+    for term, ratio in fit.trials.items():
+        kept = " and ".join(f"{fit.parameters[INDEX[name]]:.3g}" for name in TERMS[term])
+        verdict = "stays" if TERMS[term][0] in fit.free else f"left out: the scenario keeps the start's {kept}"
+        trials.append(f"{term} {100 * ratio - 100:+.0f} % ({verdict})")
+    say(f"error on windows that were not fitted, with each term: {', '.join(trials)}")
     say(f"Not identifiable by any motion: the first rotor apart from p1. {result.scale_of(fit)}.")
-    ends = [(model, _errors(errors)) for model, errors in fit.errors.items()]
-    title = "error after 0.5 s on these logs, joints 1 and 2: RMS (median) [mrad]"
-    show(title, ("model", "error"), ends)
-
-
-def _kept(fit: Fit, term: str) -> str:
-    numbers = " and ".join(f"{fit.parameters[INDEX[name]]:.3g}" for name in TERMS[term])
-    return f"left out: the scenario keeps the start's {numbers}"
+    errors = [(model, _errors(each)) for model, each in fit.errors.items()]
+    show("error after 0.5 s on these logs, joints 1 and 2: RMS (median) [mrad]", ("model", "error"), errors)
 
 
 def _errors(errors: Array) -> str:
@@ -85,40 +80,39 @@ def _errors(errors: Array) -> str:
 
 def _validate(arguments: argparse.Namespace, judged: list[logs.Log], parameters: Array, start: Array) -> None:
     """Print the errors of open-loop rollouts, and draw those of the first log."""
-    rows = []
-    for log in judged:
-        columns = [
-            {
-                "this model": rollout_errors(log, parameters, length)[0],
-                "this model, zeros as given": rollout_errors(log, parameters, length, zeros=False)[0],
-                "starting model": rollout_errors(log, start, length)[0],
-                "standing still": standing_still(windows([log], length)),
-            }
-            for length in HORIZONS
-        ]
-        rows += [(log.name, model, *(_errors(errors[model]) for errors in columns)) for model in columns[0]]
+    models: dict[str, Callable[[logs.Log, float], Array]] = {
+        "this model": lambda log, length: rollout_errors(log, parameters, length)[0],
+        "this model, zeros as given": lambda log, length: rollout_errors(log, parameters, length, zeros=False)[0],
+        "starting model": lambda log, length: rollout_errors(log, start, length)[0],
+        "standing still": lambda log, length: standing_still(windows([log], length)),
+    }
+    rows = [
+        (log.name, name, *(_errors(errors(log, length)) for length in HORIZONS))
+        for log in judged for name, errors in models.items()
+    ]  # fmt: skip
     header = ("log", "model", *(f"after {length:g} s" for length in HORIZONS))
     show("open-loop error, joints 1 and 2: RMS (median) [mrad]", header, rows)
-    say(
-        "Windows start each 0.25 s in the measured state; a log's zeros are estimated from its windows that ended before."
-    )
-    if arguments.plot is not None:
-        log = judged[0]
-        _, data, simulated = rollout_errors(log, parameters, 0.5)
-        some = slice(None, None, 2)  # windows that do not overlap
-        x = data.time[some, None] + np.append(data.keep * data.dt, np.nan)  # NaN ends the line of a window
-        ends = np.full((len(x), 1, 2), np.nan)
-        y, z = (np.concatenate([part[some], ends], axis=1).reshape(-1, 2).T for part in (simulated, data.measured))
-        time = np.linspace(0.0, log.dt * (len(log.position) - 1), len(log.position))
-        panels = []
-        for j in (0, 1):
-            model = Line(x.ravel(), y[j], "simulated", COLORS[1], "-")
-            real = Line(time, log.position[:, j], "measured", "black", ":")
-            panels.append(Panel(f"joint {j + 1}", "time [s]", "angle [rad]", (model, real)))
-        for residual in 1e3 * (y - z):
-            panels.append(Panel("", "time [s]", "residual [mrad]", (Line(x.ravel(), residual, "_", COLORS[0], "-"),)))
-        plot_lines(f"Rollouts of 0.5 s on {log.name}", panels, arguments.plot, arguments.width)
-        say(f"plot: {arguments.plot}")
+    say("Windows start each 0.25 s in the measured state.")
+    say("A log's zeros are estimated from its windows that ended before.")
+    draw = partial(plot_lines, f"Rollouts of 0.5 s on {judged[0].name}", width=arguments.width)
+    write(arguments.plot, "plot", lambda path: draw(_rollouts(judged[0], parameters), path))
+
+
+def _rollouts(log: logs.Log, parameters: Array) -> list[Panel]:
+    """Return measured and simulated angles of both joints, and their differences."""
+    _, data, simulated = rollout_errors(log, parameters, 0.5)
+    # Windows that do not overlap; a NaN ends the line of each.
+    x = (data.time[::2, None] + np.append(data.keep * data.dt, np.nan)).ravel()
+    both = np.pad([simulated[::2], data.measured[::2]], ((0, 0), (0, 0), (0, 1), (0, 0)), constant_values=np.nan)
+    y, z = both.reshape(2, -1, 2).swapaxes(1, 2)
+    time = np.linspace(0.0, log.dt * (len(log.position) - 1), len(log.position))
+    panels = []
+    for j in (0, 1):
+        lines = Line(x, y[j], "simulated", COLORS[1], "-"), Line(time, log.position[:, j], "measured", "black", ":")
+        panels.append(Panel(f"joint {j + 1}", "time [s]", "angle [rad]", lines))
+    for residual in 1e3 * (y - z):
+        panels.append(Panel("", "time [s]", "residual [mrad]", (Line(x, residual, "_", COLORS[0], "-"),)))
+    return panels
 
 
 def _plan(arguments: argparse.Namespace, start: scenarios.Scenario) -> None:

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 
 from benchmarks.analysis.board import Board, assemble
 from benchmarks.analysis.transfer import Agreement, compare_halves, compare_orders
-from benchmarks.cli.common import command_line, limits_of, run_all
+from benchmarks.cli.common import command_line, limits_of, run_all, write
 from benchmarks.report import terminal
 from benchmarks.report.latex import write_board
 from benchmarks.run.cell import Cell
@@ -57,9 +57,7 @@ def run(arguments: argparse.Namespace) -> int:
     boards = boards_of(suites, store)
     some = (SHOWN, [*map(str, arguments.policy)]) if arguments.short else ()
     terminal.leaderboards(terminal.Screen(), boards, *some)
-    if arguments.tex is not None:
-        write_board(arguments.tex, boards[suites[0].name], command_line())
-        say(f"table: {arguments.tex}")
+    write(arguments.tex, "table", lambda path: write_board(path, boards[suites[0].name], command_line()))
     first = f"the first {SHOWN} of each board; " if arguments.short else ""
     say(f"{first}results: {arguments.store}; a page of them: fbl-gym report, with the same arguments")
     return int(any(counts(result.error) for result in results))
@@ -86,12 +84,12 @@ def compare_worlds(suite: Suite, arguments: argparse.Namespace) -> int:
     """Run a suite in all worlds, print the boards and their agreement; return the exit status."""
     if suite.seeds < 4:
         raise ValueError(f"--seeds must be at least 4, two for each half, got {suite.seeds}")
-    suites = {"package": suite} | {
-        world: dataclasses.replace(suite, scenarios=tuple(scenarios.in_world(task, world) for task in suite.scenarios))
-        for world in arguments.world
-    }
-    results = run_all([cell for side in suites.values() for cell in side.cells], arguments)
-    boards = {side: assemble([results[cell.id] for cell in some.cells], some.cells) for side, some in suites.items()}
+    sides = [dataclasses.replace(suite, name="package")]
+    for world in arguments.world:
+        tasks = tuple(scenarios.in_world(task, world) for task in suite.scenarios)
+        sides.append(dataclasses.replace(suite, name=world, scenarios=tasks))
+    results = run_all([cell for side in sides for cell in side.cells], arguments)
+    boards = boards_of(sides, Store(arguments.store))
     for side, board in boards.items():
         say(f"{side}:")
         terminal.leaderboard(terminal.Screen(), board)
@@ -102,10 +100,8 @@ def compare_worlds(suite: Suite, arguments: argparse.Namespace) -> int:
     taus = (_tau(compare_orders(boards["package"], boards[world], names)) for world in arguments.world)
     rows = [(world, tau, f"{own} / {half}") for world, tau, half in zip(arguments.world, taus, halves, strict=True)]
     terminal.show("Kendall's tau (pairs) between the orders by the error", ("world", "tau", "halves"), rows)
-    say(
-        "tau: of all pairs of rows, and of those that both sides separate. halves: the same between halves of the seeds, "
-        "package's arm / world"
-    )
+    say("tau: of all pairs of rows, and of those that both sides separate.")
+    say("halves: the same between halves of the seeds, package's arm / world")
     return int(any(result.error for result in results.values()))
 
 

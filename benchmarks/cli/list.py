@@ -5,6 +5,7 @@ import contextlib
 import itertools
 import re
 from collections.abc import Callable, Iterable, Mapping
+from importlib import import_module
 
 from gymnasium.error import DependencyNotInstalled
 
@@ -64,17 +65,13 @@ def _lines(fields: Iterable[Description]) -> dict[str, str]:
     return texts
 
 
-def _claims() -> dict[str, str]:
-    from benchmarks.paper.claims import CLAIMS  # the claims' code is imported with them
-
-    return {name: claim.texts["claim"] for name, claim in CLAIMS.items()}
-
-
 LISTS: dict[str, Callable[[], Mapping[str, str]]] = {
     "policies": lambda: {name: _policy(name) for name in controllers.names()},
     "scenarios": _scenarios,
     "suites": lambda: SUITES,
-    "claims": _claims,
+    "claims": lambda: {
+        name: claim.texts["claim"] for name, claim in import_module("benchmarks.paper.claims").CLAIMS.items()
+    },
     "options": lambda: _lines(options()),
     "gains": _gains,
 }

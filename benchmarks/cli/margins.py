@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 
+from benchmarks.cli.common import write
 from benchmarks.policies.spec import resolve
 from benchmarks.report.plot import Line, Panel, plot_lines
 from benchmarks.report.terminal import show
@@ -37,11 +38,10 @@ def run(arguments: argparse.Namespace) -> int:
         header = ("policy", "gain margin", "phase margin", "delay margin", "in samples", "peak of S", "peak of T")
         show(title, header, rows)
         remarks.append("Gain, phase and peaks: the worse joint, cut at its torque. Delay: of both torques.")
-    if rows and arguments.plot is not None:
-        plot_lines(f"Loops on {title}", _bode(loops), arguments.plot, arguments.width, across=2)
-        remarks.append(f"plot: {arguments.plot}")
     say("\n".join(remarks))
-    return 0 if rows else 1
+    draw = partial(plot_lines, f"Loops on {title}", _bode(loops), across=2)
+    write(arguments.plot if rows else None, "plot", lambda path: draw(path, arguments.width))
+    return int(not rows)
 
 
 def _bode(loops: dict[str, Any]) -> list[Panel]:

@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 
+from benchmarks.cli.common import write
 from benchmarks.files import replacing
 from benchmarks.policies.spec import PolicySpec, resolve
 from benchmarks.run.rollout import make_env
@@ -47,11 +48,8 @@ def run(arguments: argparse.Namespace) -> int:
     scenario = scenario.replace(duration=steps * scenario.control_dt)
     game = Game([*map(resolve, arguments.policies)], scenario, check_whole("--seed", arguments.seed))
     frames = loop(game, once=arguments.seconds is not None)
-    if arguments.record is None:
-        deque(frames, maxlen=0)
-    else:
-        record(frames, arguments.record)
-        print(f"film: {arguments.record}")
+    write(arguments.record, "film", partial(record, frames))
+    deque(frames, maxlen=0)  # those that no film has taken
     return 0
 
 
@@ -99,10 +97,6 @@ class Arm:
         self.state, self.diverged, self.over = None, False, False
         self.signals: deque[Array] = deque(maxlen=SHOWN)  # error [mrad] and torque [N m], [2 x 2] each
         self.lengths: Pair = tuple(self.env.truth.lengths.tolist())
-
-    def switch(self, law: int) -> None:
-        """Let another law go on, in its first state."""
-        self.law, self.state = law, None
 
     def advance(self, steps: int, target: Pair | None, push: Array) -> None:
         """Advance by control steps, towards a target [rad] and under a push [2] N m."""
@@ -182,7 +176,7 @@ class Game:
     def press(self, key: str) -> bool:
         """Do what a key says; return False to end."""
         if key.isdecimal() and 0 < int(key) <= len(self.laws):
-            self.arm.switch(int(key) - 1)
+            self.arm.law, self.arm.state = int(key) - 1, None
         if key == "r":
             self.start()
         acts: dict[str, Callable[[Hand], None]] = {

@@ -7,7 +7,7 @@ from benchmarks.cli.common import command_line
 from benchmarks.cli.leaderboard import boards_of, counts, results_of, suites_of
 from benchmarks.files import write_text
 from benchmarks.report import markdown, terminal
-from benchmarks.report.export import write_csv
+from benchmarks.report.export import write_runs
 from benchmarks.report.page import write_page
 from benchmarks.report.plot import plot_errors
 from benchmarks.run.store import Store
@@ -26,7 +26,9 @@ def run(arguments: argparse.Namespace) -> int:
     for name, board in boards.items():
         folder = out / name if len(suites) > 1 else out
         write_text(folder / "board.md", markdown.leaderboard(board))
-        write_csv(folder / "board.csv", results[name])
+        tasks = ((result, result.cell.scenario) for result in results[name])
+        runs = (((x.cell.policy.name, task.name, f"{task.control_dt:.7g}"), x.cell.seeds, x.rows) for x, task in tasks)
+        write_runs(folder / "board.csv", ("policy", "scenario", "control_dt"), runs)
         write_page(folder / "board.html", board, results[name], command_line())
         say(f"report: {folder / 'board.html'}, board.md and board.csv beside it")
         if board.gaps:

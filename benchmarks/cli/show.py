@@ -78,11 +78,10 @@ def _words(value: Any) -> str:
     """Return a value in words; both joints' once where they are equal."""
     if isinstance(value, Distribution):
         kind = next(kind for kind, numbers in vars(value).items() if numbers is not None)
-        numbers = [f"{x:.4g}" for x in value.values]
+        first, *others = numbers = [f"{x:.4g}" for x in value.values]
         if kind == "choice":
             return "one of " + ", ".join(numbers)
-        low, high = numbers
-        return low if low == high else f"{low} to {high}, {kind.replace('_', '-')}"
+        return first if others == [first] else f"{' to '.join(numbers)}, {kind.replace('_', '-')}"
     if isinstance(value, tuple):
         words = value[:1] if len(value) == 2 and value[0] == value[1] else value
         return "; ".join(map(_words, words)) if len(value) < 9 else f"{len(value)} values"
@@ -128,8 +127,7 @@ def follows(scenario: Scenario) -> dict[str, str]:
             facts["torque limit / weight"] = _both(limit / weight, "")
         if scenario.friction is not None:
             dry = np.array([ends(coulomb)[1] for coulomb in scenario.friction.coulomb])  # type: ignore[union-attr]
-            share = np.divide(100 * dry, limit, out=np.full(2, np.inf), where=limit > 0)
-            facts["largest Coulomb friction"] = _both(share, "% of the limit")
+            facts["largest Coulomb friction"] = _both(_percent(dry, limit), "% of the limit")
         facts["largest torque of the nominal motion"] = _both(_share(scenario, q, v, a), "% of the limit")
         facts["its largest velocity"] = _both(np.abs(v).max(axis=(0, 1)), "rad/s")
     return facts
@@ -144,8 +142,12 @@ def _share(scenario: Scenario, q: Array, v: Array, a: Array) -> Array:
     if friction := scenario.friction:
         viscous, dry, load = (np.array([*map(middle, x)]) for x in (friction.viscous, friction.coulomb, friction.load))  # type: ignore[arg-type]
         torque = torque + viscous * v + (dry + load * np.abs(torque)) * np.sign(v)
-    most, limit = np.abs(torque).max(axis=(0, 1)), np.array(scenario.actuator.torque_limit)
-    return 100 * np.divide(most, limit, out=np.full(2, np.inf), where=limit > 0)
+    return _percent(np.abs(torque).max(axis=(0, 1)), np.array(scenario.actuator.torque_limit))
+
+
+def _percent(torque: Array, limit: Array) -> Array:
+    """Return torques in % of the drives' limit; infinite where that is 0, [2]."""
+    return np.divide(100 * torque, limit, out=np.full(2, np.inf), where=limit > 0)
 
 
 def _both(numbers: Array, unit: str) -> str:

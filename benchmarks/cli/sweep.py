@@ -5,13 +5,14 @@ import itertools
 import math
 import re
 import sys
+from collections import defaultdict
 from typing import Any, TypeAlias
 
 import numpy as np
 
-from benchmarks.cli.arguments import count
 from benchmarks.cli.common import command_line, run_all
 from benchmarks.cli.list import options
+from benchmarks.cli.parser import count
 from benchmarks.report.columns import number
 from benchmarks.report.export import write_runs
 from benchmarks.report.latex import write_table
@@ -59,10 +60,10 @@ def over(text: str) -> tuple[str, str, list[Value], bool]:
 
 def _value(first: float | str, *second: float | str) -> Value:
     """Return a value with six digits, of both joints or one for each."""
-    numbers = [float(f"{float(x):.6g}") for x in (first, *second)]
-    if len(numbers) > 2:
+    if len(second) > 1:
         raise ValueError
-    return (numbers[0], numbers[1]) if second else numbers[0]
+    value, *other = (float(f"{float(x):.6g}") for x in (first, *second))
+    return (value, other[0]) if other else value
 
 
 def _text(value: Value) -> str:
@@ -76,48 +77,46 @@ def run(arguments: argparse.Namespace) -> int:
         raise ValueError(f"--over must name options that are no part of each other, got {' '.join(names)}")
     if (size := math.prod(map(len, values)) * len(arguments.policies)) > MOST_CELLS:
         raise ValueError(f"--over must give at most {MOST_CELLS} cells, policies times values, got {size}")
-    base, points, tasks = scenarios.get(arguments.scenario), list(itertools.product(*values)), []
-    for point in points:
-        task = base
-        for name, value, factor in zip(names, point, factors, strict=True):
-            task = with_option(task, name, value, factor=factor)
-        tasks.append(task)
-    cells = Suite("sweep", tuple(arguments.policies), tuple(tasks), arguments.seeds).cells
-    results = run_all(cells, arguments)
-    curves: dict[tuple[str, ...], list[list[float]]] = {}  # by policy and values of the other options
-    columns: dict[tuple[str, ...], list[str]] = {}
+    points = list(itertools.product(*values))
+    tasks = [scenarios.get(arguments.scenario)] * len(points)
+    for i, (name, factor) in enumerate(zip(names, factors, strict=True)):
+        tasks = [with_option(task, name, point[i], factor=factor) for task, point in zip(tasks, points, strict=True)]
+    suite = Suite("sweep", tuple(arguments.policies), tuple(tasks), arguments.seeds)
+    results = run_all(suite.cells, arguments)
+    curves: dict[tuple[str, ...], list[tuple[list[float], str]]] = defaultdict(list)
     runs = []
-    for i, cell in enumerate(cells):
-        point, result = points[i // (len(cells) // len(points))], results[cell.id]
+    for (point, _), cell in zip(itertools.product(points, suite.policies), suite.cells, strict=True):
+        policy, result, texts = cell.policy.name, results[cell.id], [*map(_text, point)]
         if result.error:
             say(f"fbl-gym: {cell.id} failed: {result.error}", sys.stderr)
-        texts, errors = [*map(_text, point)], counted_errors(result.rows) or [np.nan] * len(cell.seeds)
-        written = (x if isinstance(x, float) else text for x, text in zip(point, texts, strict=True))
-        runs.append(((cell.policy.name, *written), cell.seeds, result.rows))
+        errors = counted_errors(result.rows) or [np.nan] * len(cell.seeds)
         (low, mid, high), lost = np.quantile(errors, QUANTILES), sum(row["diverged"] > 0 for row in result.rows)
-        key, text = (cell.policy.name, *texts[1:]), f"{number(mid)} ({number(low)}–{number(high)})"
-        curves.setdefault(key, []).append(errors)
-        columns.setdefault(key, []).append(text + f", {lost} lost" * (lost > 0))
+        text = f"{number(mid)} ({number(low)}–{number(high)})" + f", {lost} lost" * (lost > 0)
+        curves[policy, *texts[1:]].append((errors, text))
+        written = (text if isinstance(x, tuple) else x for x, text in zip(point, texts, strict=True))
+        runs.append(((policy, *written), cell.seeds, result.rows))
     write_runs(arguments.csv, ("policy", *names), runs)
     first, *others = (_label(name, factor) for name, factor in zip(names, factors, strict=True))
     titles = {key: ", ".join([key[0], *map(" ".join, zip(names[1:], key[1:], strict=True))]) for key in curves}
     ticks = [_text(value) for value in values[0]]
-    x = np.array(values[0] if all(isinstance(value, float) for value in values[0]) else ticks)
+    x = np.array(ticks if any(isinstance(value, tuple) for value in values[0]) else values[0])
     path = arguments.plot or arguments.csv.with_suffix(".png")
-    lines = tuple(band(x, np.array(errors), titles[key]) for key, errors in curves.items())
+    lines = tuple(band(x, np.array([errors for errors, _ in curves[key]]), titles[key]) for key in curves)
     panel = Panel("", first, "error [%]", lines, (scales[0], "log"))
     plot_lines(f"Error on {arguments.scenario}, {arguments.seeds} seeds", [panel], path, arguments.width)
     meaning = f"median error in % (10 to 90 % of {arguments.seeds} seeds), and the number of diverged runs"
+    columns = {key: [text for _, text in curves[key]] for key in curves}
     show(meaning, (first, *titles.values()), zip(ticks, *columns.values(), strict=True))
     if arguments.tex is not None:
         groups: list[tuple[str, int]] = []
-        policies = list(dict.fromkeys(key[0] for key in columns))
-        titles = {key: titles[key] for key in sorted(titles, key=lambda key: policies.index(key[0]))}
+        policies = [*dict.fromkeys(key[0] for key in columns)]
+        keys = sorted(columns, key=lambda key: policies.index(key[0]))
+        heads = [titles[key] for key in keys]
         if len(names) == 2:  # a grid for each policy: its columns are the values of the second option
             groups = [("", 1), *((f"{policy}, {others[0]}", len(columns) // len(policies)) for policy in policies)]
-            titles = {key: key[1] for key in titles}
-        rows = zip(ticks, *(columns[key] for key in titles), strict=True)
-        write_table(arguments.tex, (first, *titles.values()), rows, command_line(), meaning, groups)
+            heads = [key[1] for key in keys]
+        rows = zip(ticks, *map(columns.get, keys), strict=True)
+        write_table(arguments.tex, (first, *heads), rows, command_line(), meaning, groups)
         say(f"table: {arguments.tex}")
     say(f"runs: {arguments.csv}\nfigure: {path}, {caption(arguments.seeds)}")
     return int(any(result.error for result in results.values()))

@@ -7,7 +7,6 @@ from typing import Any, TypeAlias
 
 from benchmarks.files import replacing
 from benchmarks.run.metrics import METRICS
-from benchmarks.run.store import Result
 from benchmarks.text import visible
 
 Runs: TypeAlias = tuple[Sequence[Any], Sequence[int], Sequence[Mapping[str, float]]]
@@ -35,12 +34,3 @@ def _cell(value: Any) -> Any:
     if not isinstance(value, str):
         return value
     return "'" * value.lstrip().startswith(("=", "+", "-", "@")) + visible(value)
-
-
-def write_csv(path: Path, results: Sequence[Result]) -> None:
-    """Write all runs of some results as CSV."""
-    runs = []
-    for result in results:
-        cell, task = result.cell, result.cell.scenario
-        runs.append(((cell.policy.name, task.name, f"{task.control_dt:.7g}"), cell.seeds, result.rows))
-    write_runs(path, ("policy", "scenario", "control_dt"), runs)

@@ -2,20 +2,18 @@
 
 from collections.abc import Iterator, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from benchmarks.policies.spec import PolicySpec, resolve
 from benchmarks.run.rollout import make_env
 from fbl_gym import Scenario
 from fbl_gym.scenarios import as_scenario
 
-if TYPE_CHECKING:
-    from fbl_gym.view.picture import Frame
 
-
-def frames(policy: PolicySpec, scenario: Scenario, seed: int, fps: int, size: int) -> "Iterator[Frame]":
+def frames(policy: PolicySpec, scenario: Scenario, seed: int, fps: int, size: int) -> Iterator[NDArray[np.uint8]]:
     """Yield the frames of an episode; an arm that diverged stays where it was."""
     from fbl_gym.view.render import View
 
@@ -56,9 +54,6 @@ def animate(
     axes.set_axis_off()
     pictures = [[axes.imshow(np.hstack(row), animated=True)] for row in zip(*films, strict=True)]
 
-    class Film(ArtistAnimation):
-        """An animation that a notebook shows as it is."""
-
-        _repr_html_ = ArtistAnimation.to_jshtml
-
-    return Film(figure, pictures, interval=1000 / fps)
+    film: Any = ArtistAnimation(figure, pictures, interval=1000 / fps)
+    film._repr_html_ = film.to_jshtml  # a notebook shows it without a setting
+    return film

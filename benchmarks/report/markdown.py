@@ -8,6 +8,7 @@ import numpy as np
 
 from benchmarks.analysis.board import Board
 from benchmarks.report.columns import ALL, PAGE_AND_MARKDOWN, Column, columns_of, leaders, number, over_all, percent
+from benchmarks.report.page import render
 from fbl_gym.scenarios.classes import CLASSES
 
 BEGIN, END = "<!-- leaderboard -->", "<!-- /leaderboard -->"
@@ -61,15 +62,6 @@ def first_rows(boards: Mapping[str, Board]) -> str:
     return table(["rank", *boards], rows) + _gaps(boards)
 
 
-def over_boards(boards: Mapping[str, Board]) -> str:
-    """Return a table of rank and error on each board, by name, with the boards' gaps.
-
-    The numbers of a cell stay in one line, on a phone too.
-    """
-    header, rows = over_all(boards)
-    return table(header, [[code(policy), *map(_unbroken, cells)] for policy, *cells in rows]) + _gaps(boards)
-
-
 def _gaps(boards: Mapping[str, Board]) -> str:
     return "".join(f"\n{plain(name)}: {plain(gap)}\n" for name, board in boards.items() for gap in board.gaps)
 
@@ -78,10 +70,6 @@ def _cell(column: Column, i: int) -> str:
     if column.key == "policy":
         return code(column.text(i)) + (f", {column.notes[i]}" if column.notes[i] else "")
     return plain(column.cell(i)) or "not ranked"
-
-
-def _unbroken(cell: str) -> str:
-    return plain(cell).replace(" ", "\u00a0").replace("–", "–\u2060" if len(cell) > 1 else "–")
 
 
 def replace_between(text: str, table: str) -> str:
@@ -95,21 +83,14 @@ def replace_between(text: str, table: str) -> str:
 
 def board_page(boards: Mapping[str, Board]) -> str:
     """Return a page of the documentation with every row of some boards, by name."""
-    parts = [
-        "# All rows of the boards\n\n[The leaderboard](../reference/columns.md) explains the columns. `fbl-gym report` writes "
-        "all of them.\n\n"
-        "![Errors of the first policies of each board as dots, with their 95 % intervals](../pictures/errors.svg)\n"
-    ]
-    if len(boards) > 1:
-        parts.append(f"## Over all\n\nRank, error and lost runs.\n\n{over_boards(boards)}")
-    for name, board in boards.items():
-        header, rows = leaders(board)
-        about = f" Robots: {CLASSES[name].text}." if name in CLASSES else ""
-        parts.append(
-            f"## {plain(name)}\n\n`fbl-gym leaderboard --suite {name}`: {len(board.scenarios)} scenarios, "
-            f"{len(board.seeds)} seeds each.{about} Board {board.version}: a hash of policies, scenarios, seeds "
-            f"and code.\n\n"
-            f"The leader of each family:\n\n{table(header, [[*map(plain, row)] for row in rows])}\n"
-            f"{leaderboard(board, short=True)}"
-        )
-    return "\n".join(parts)
+
+    def unbroken(cell: str) -> str:
+        """Return a cell whose numbers stay in one line, on a phone too."""
+        return plain(cell).replace(" ", "\u00a0").replace("–", "–\u2060" if len(cell) > 1 else "–")
+
+    header, rows = over_all(boards)
+    over = table(header, [[code(policy), *map(unbroken, cells)] for policy, *cells in rows]) + _gaps(boards)
+    leading = {name: leaders(board) for name, board in boards.items()}
+    first = {name: table(header, [[*map(plain, row)] for row in rows]) for name, (header, rows) in leading.items()}
+    parts = {"boards": boards, "over": over, "leaders": first, "classes": CLASSES}
+    return render("board.md.jinja", **parts, leaderboard=leaderboard, plain=plain)

@@ -5,7 +5,6 @@ Its figure is plain data in Plotly's format.
 
 import json
 from collections.abc import Sequence
-from importlib import resources
 from pathlib import Path
 from typing import Any
 
@@ -33,14 +32,13 @@ def pareto(board: Board) -> dict[str, Any] | None:
 
     It has a description, and Plotly's `data` and `layout`.
 
-    None: there are no efforts. The name of a Plotly trace is its policy, so that the page can hide
-    the policies that its filters hide.
+    None: no policy has an effort. The name of a Plotly trace is its policy, so that the page can
+    hide the policies that its filters hide.
     """
-    if (effort := board.effort) is None:
+    effort, error, lost = board.effort, board.error().value, board.lost.value
+    points = sorted((error[i], effort[i], i) for i in board.ranked if effort[i] > 0 and lost[i] <= MOST_LOST)
+    if not points:
         return None
-    error, lost = board.error().value, board.lost.value
-    ranked = [i for i in board.ranked if effort[i] > 0 and lost[i] <= MOST_LOST]
-    points = sorted((error[i], effort[i], i) for i in ranked)
     front = [point for k, point in enumerate(points) if all(point[1] < other[1] for other in points[:k])]
     line = {
         "type": "scatter", "mode": "lines", "x": [x for x, _, _ in front], "y": [y for _, y, _ in front],
@@ -48,7 +46,7 @@ def pareto(board: Board) -> dict[str, Any] | None:
     }  # fmt: skip
     chosen = [i for *_, i in sorted(points, key=lambda point: point not in front)]  # the front first
     row = {i: k for k, i in enumerate(board.order)}
-    ends = {points[0][2]: "top right", points[-1][2]: "top left"} if points else {}
+    ends = {points[0][2]: "top right", points[-1][2]: "top left"}
     marks = [
         {
             "type": "scatter", "name": board.policies[i], "x": [error[i]], "y": [effort[i]], "mode": "markers+text",
@@ -76,8 +74,7 @@ def write_page(path: Path, board: Board, results: Sequence[Result], command: str
         results: those of the board's cells, for their provenance.
         command: that wrote the page.
     """
-    from jinja2 import Environment, StrictUndefined  # the extra `analysis`
-    from plotly.offline import get_plotlyjs
+    from plotly.offline import get_plotlyjs  # the extra `analysis`
 
     latest = max((result.provenance for result in results), key=lambda origin: origin.get("time", ""))
     made = {"computed with": "command", "on": "machine", "at": "time", "Python": "python"}
@@ -86,9 +83,16 @@ def write_page(path: Path, board: Board, results: Sequence[Result], command: str
     figure = pareto(board)
     # In a script element only "<" could end it; JSON reads the escaped character as the same.
     data = json.dumps(figure, ensure_ascii=False, allow_nan=False).replace("<", "\\u003c")
-    template = resources.files("benchmarks.report").joinpath("page.html").read_text(encoding="utf-8")
-    page = Environment(
-        autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True, keep_trailing_newline=True
-    ).from_string(template)
     parts = {"board": board, "columns": columns(board), "facts": facts, "figure": figure, "data": data}
-    write_text(path, page.render(**parts, plotly=get_plotlyjs()))
+    write_text(path, render("page.html", **parts, plotly=get_plotlyjs()))
+
+
+def render(name: str, **parts: Any) -> str:
+    """Return a template of this folder with its parts, which one of HTML escapes."""
+    from jinja2 import Environment, StrictUndefined  # the extra `analysis`
+
+    environment = Environment(
+        autoescape=name.endswith(".html"), undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True,
+        keep_trailing_newline=True,
+    )  # fmt: skip
+    return environment.from_string(Path(__file__).with_name(name).read_text(encoding="utf-8")).render(**parts)

@@ -126,6 +126,7 @@ def plot_lines(
 
 
 def _draw(axes: Any, panel: Panel) -> None:
+    axes.set(title=panel.title, ylabel=panel.y, xscale=panel.scales[0], yscale=panel.scales[1])
     for i, line in enumerate(panel.lines):
         color = line.color or COLORS[i % len(COLORS)]
         many = len(line.x) > 24
@@ -139,8 +140,6 @@ def _draw(axes: Any, panel: Panel) -> None:
     for height, label in panel.marks:
         axes.axhline(height, color="0.4", linestyle="--", linewidth=0.8)
         axes.annotate(label, (1.0, height), xycoords=("axes fraction", "data"), ha="right", va="bottom")
-    axes.set(title=panel.title, ylabel=panel.y)
-    axes.set(**{f"{x}scale": "log" for x, scale in zip("xy", panel.scales, strict=True) if scale == "log"})
     if panel.bounds is not None:
         axes.set_ylim(panel.bounds)
     for axis, scale in zip((axes.xaxis, axes.yaxis), panel.scales, strict=True):
@@ -197,13 +196,13 @@ def plot_trace(trace: Trace, title: str, path: Path, width: int | None = None) -
     }
     if trace.disturbance.any():
         signals["disturbance [N m]"] = trace.disturbance
-    panels = []
+    reference = zip(trace.reference[:, 0].T, ("reference", "_"), strict=True)
+    lines = [Line(trace.time, angle, label, "black", ":") for angle, label in reference]
+    panels: list[Panel] = []
     for label, signal in signals.items():
         known = np.where(trace.alive[:, : signal.shape[1], None], signal, np.nan)
-        lines = [band(trace.time, known[..., j], f"joint {j + 1}") for j in (0, 1)]
-        for j in (0, 1) if label == "angle [rad]" else ():
-            lines.append(Line(trace.time, trace.reference[:, 0, j], "_" if j else "reference", "black", ":"))
-        panels.append(Panel("", "time [s]", label, tuple(lines)))
+        joints = (band(trace.time, known[..., j], f"joint {j + 1}") for j in (0, 1))
+        panels.append(Panel("", "time [s]", label, (*joints, *([] if panels else lines))))
     plot_lines(title, panels, path, width, across=1)
 
 
@@ -220,21 +219,20 @@ def plot_comparison(traces: Mapping[str, Trace], title: str, path: Path, width: 
     sizes = np.diff([*starts, len(first.time)])
     time = np.add.reduceat(first.time, starts) / sizes
     label, scale = ("error [mrad]", "linear") if single else ("mean |error| [mrad]", "log")
+
+    def error(trace: Trace, j: int) -> Array:
+        signed = np.where(trace.alive, (trace.reference - trace.position)[..., j], np.nan)
+        return np.add.reduceat(1e3 * (signed if single else errors(trace)[..., j]), starts) / sizes[:, None]
+
     panels = []
     for j in (0, 1):
-        lines = []
-        for policy, trace in traces.items():
-            signed = np.where(trace.alive[..., None], trace.reference - trace.position, np.nan)
-            error = 1e3 * (signed if single else errors(trace))[..., j]
-            lines.append(band(time, np.add.reduceat(error, starts) / sizes[:, None], policy))
-        panels.append(Panel(f"joint {j + 1}", "time [s]", label, tuple(lines), ("linear", scale)))
+        bands = (band(time, error(trace, j), policy) for policy, trace in traces.items())
+        panels.append(Panel(f"joint {j + 1}", "time [s]", label, tuple(bands), ("linear", scale)))
     here = "" if single else f", seed {first.seeds[0]}"
     for name, signal in (("position", "angle [rad]"), ("torque", "torque [N m]")):
         for j in (0, 1):
-            lines = []
-            for policy, trace in traces.items():
-                known = np.where(trace.alive[:, 0], getattr(trace, name)[:, 0, j], np.nan)
-                lines.append(Line(first.time, known, policy))
+            known = {x: np.where(y.alive[:, 0], getattr(y, name)[:, 0, j], np.nan) for x, y in traces.items()}
+            lines = [Line(first.time, values, policy) for policy, values in known.items()]
             if name == "position":
                 lines.append(Line(first.time, first.reference[:, 0, j], "_", "black", ":"))
             panels.append(Panel("", "time [s]", signal + here, tuple(lines)))

@@ -1,5 +1,6 @@
 """The leaderboard and the evaluation of one policy, as tables on a terminal."""
 
+import math
 import sys
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from typing import Any, Literal, TypeAlias
@@ -56,7 +57,7 @@ def show(title: str, header: Sequence[str], rows: Iterable[Sequence[str]], justi
 
 
 def leaderboards(
-    console: Console, boards: Mapping[str, Board], first: int | None = None, also: Collection[str] = ()
+    console: Console, boards: Mapping[str, Board], first: float = math.inf, also: Collection[str] = ()
 ) -> None:
     """Print each board, by name, and how each policy does on all of them.
 
@@ -68,17 +69,17 @@ def leaderboards(
         leaderboard(console, board, first, also)
     if len(boards) > 1:
         header, body = over_all(boards)
-        body = [row for k, row in enumerate(body) if first is None or k < first or row[0] in also]
-        console.print(table("rank and error on each board", header, body))
+        some = [row for k, row in enumerate(body) if k < first or row[0] in also]
+        console.print(table("rank and error on each board", header, some))
     console.print(escape(MEANING))
 
 
-def leaderboard(console: Console, board: Board, first: int | None = None, also: Collection[str] = ()) -> None:
+def leaderboard(console: Console, board: Board, first: float = math.inf, also: Collection[str] = ()) -> None:
     """Print one row per policy, the best first, and the board's remarks, as `leaderboards` does.
 
     No text is cut: the table has the first of the main columns that fit, and the others are named.
     """
-    rows = [i for k, i in enumerate(board.order) if first is None or k < first or board.policies[i] in also]
+    rows = [i for k, i in enumerate(board.order) if k < first or board.policies[i] in also]
     shown, hidden = columns_of(board, ALL), ""
     unlimited = console.options.update(width=10_000)
     while len(shown) > 1 and console.measure(_board(board, shown, rows), options=unlimited).maximum > console.width:
@@ -94,11 +95,8 @@ def _board(board: Board, selected: Sequence[Column], chosen: Sequence[int]) -> D
     """Return a table with some columns and policies of a board."""
     rows = []
     for i in chosen:
-        ranked = board.specs[i].ranked
-        leads = [ranked and column.leads(i, board.ranked) for column in selected]
-        cells = [column.cell(i, brief=True) for column in selected]
-        cells[0] = cells[0] if ranked else f"({cells[0]})"
-        rows.append([Text(cell, "green" if best else "") for cell, best in zip(cells, leads, strict=True)])
+        cells = [Text(column.cell(i, brief=True), "green" if i in column.leaders else "") for column in selected]
+        rows.append(cells if i in board.ranked else [Text(f"({cells[0]})"), *cells[1:]])
     beside = "".join(f", {len(some)} of {tier} without a rank" for tier, some in [*board.tiers.items()][1:])
     counts = {"scenario": len(board.main), "seed": len(board.seeds)}
     title = f"{beside}, ".join(f"{n} {name}{'s' * (n != 1)}" for name, n in counts.items())

@@ -67,7 +67,7 @@ def test_keys_change_payload_drive_noise_and_law_and_r_begins_again(game):
     press(game, pygame.KEYDOWN, unicode="d")
     assert advance(game, 1)[0].payload == 0.0
     press(game, pygame.KEYDOWN, unicode="r")
-    game.arms[1].switch(1)
+    game.arms[1].law = 1
     np.testing.assert_array_equal(game.frame(), start)
     assert not press(game, pygame.KEYDOWN, unicode="q")
 
