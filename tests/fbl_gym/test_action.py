@@ -37,11 +37,10 @@ def test_the_interface_says_what_torque_an_action_makes(options):
             break
 
 
-@pytest.mark.parametrize(
-    "error",
-    [{"bias": 1e200}, {"bias": -1e308, "sigma": 1e308}, {"quantization": 1e-310}, {"quantization": 1e308}],
-    ids=str,
-)
+HUGE = ({"bias": 1e200}, {"bias": -1e308, "sigma": 1e308}, {"quantization": 1e-310}, {"quantization": 1e308})
+
+
+@pytest.mark.parametrize("error", HUGE, ids=str)
 @pytest.mark.parametrize("sensor", ["position", "velocity"])
 def test_a_reading_beyond_all_bounds_makes_no_nan(sensor, error):
     """Not in the torque that an acceleration becomes at that reading, nor, before a delay lets it through, in the reward."""

@@ -7,17 +7,12 @@ from fbl_gym import TwoLinkArmVectorEnv
 from tests.fbl_gym.episodes import play, same, started_batch
 
 
-def levels(**options):
-    """Return the disturbance [steps + 1 x lanes x 2] and the truths of a run."""
-    _, _, truths = play(steps=200, **options)
-    reference = play(steps=200)[2]
-    assert same(truths, reference, "reference", "applied_torque", "lumped")
-    assert not same(truths[5:], reference[5:], "position")
-    return np.array([truth.disturbance for truth in truths]), truths
-
-
 def test_a_piecewise_constant_disturbance_has_levels_of_its_period_and_amplitude():
-    disturbance, _ = levels(disturbance={"kind": "piecewise-constant", "amplitude": (20.0, 5.0), "period": 0.2})
+    *_, truths = play(200, disturbance={"kind": "piecewise-constant", "amplitude": (20.0, 5.0), "period": 0.2})
+    *_, others = play(200)
+    assert same(truths, others, "reference", "applied_torque", "lumped")
+    assert not same(truths[5:], others[5:], "position")
+    disturbance = np.array([truth.disturbance for truth in truths])
     change = np.any(np.diff(disturbance, axis=0) != 0, axis=(1, 2))
     # Sample k belongs to the step that ends there: the level of [0.2 i, 0.2 (i + 1)) begins at 20 i + 1.
     assert set(np.flatnonzero(change)) == {20 * i for i in range(1, 10)}

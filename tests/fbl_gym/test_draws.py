@@ -9,7 +9,7 @@ from scipy import stats
 
 from fbl_gym import Distribution, TwoLinkArmVectorEnv
 from fbl_gym.records.record import ends, middle
-from tests.fbl_gym.episodes import play, same, started_batch, torques
+from tests.fbl_gym.episodes import play, run, same, started_batch
 
 LANES = 4000
 
@@ -77,13 +77,10 @@ def test_another_task_has_the_same_random_numbers(change):
 ], ids=str)  # fmt: skip
 def test_options_outside_the_arm_do_not_move_it(change):
     """All readings and the whole truth are the same to the bit."""
-    options = {"action": "torque", "limits": {"position": 100.0}, **CROWDED}
-    one, two = TwoLinkArmVectorEnv(20, **{**options, **change}), TwoLinkArmVectorEnv(20, **options)
-    a, b = one.reset(seed=0)[0], two.reset(seed=0)[0]
-    for k in range(60):
-        np.testing.assert_array_equal(a[:, :12], b[:, :12])
-        np.testing.assert_equal(vars(one.truth), vars(two.truth))
-        a, b = one.step(torques(k, 20))[0], two.step(torques(k, 20))[0]
+    (_, seen, truths), (_, others, plain) = (play(60, 20, **{**CROWDED, **more}) for more in (change, {}))
+    np.testing.assert_array_equal(seen[..., :12], others[..., :12])
+    for one, other in zip(truths, plain, strict=True):
+        np.testing.assert_equal(vars(one), vars(other))
 
 
 OPTIONS = {
@@ -98,14 +95,7 @@ DRAWN = ("masses", "lengths", "payload", "coulomb", "gain", "reference")
 def episodes(**options):
     """Return the readings, and the truth of each step, of two episodes in a row and of one of another seed."""
     env = TwoLinkArmVectorEnv(17, action="torque", **(OPTIONS | options))
-    runs = []
-    for seed in (3, None, 4):
-        readings, truths = [env.reset(seed=seed)[0]], [env.truth]
-        for k in range(6):
-            readings.append(env.step(torques(k, 17))[0])
-            truths.append(env.truth)
-        runs.append((np.array(readings), truths))
-    return runs
+    return [run(env, 6, seed=seed) for seed in (3, None, 4)]
 
 
 @pytest.mark.parametrize("reference", ["minimum-jerk", "steps", "filtered-steps", "fourier"])

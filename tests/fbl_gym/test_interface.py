@@ -71,9 +71,7 @@ TOLD = {
 def motion(told):
     """Return the observations, truths and interface of an episode under fixed torques."""
     env = TwoLinkArmVectorEnv(3, **TRUTH, datasheet=told)
-    rows = [env.reset(seed=5)[0]]
-    for k in range(40):
-        rows.append(env.step(np.full((3, 2), 0.3 * math.sin(k)))[0].copy())
+    rows = [env.reset(seed=5)[0], *(env.step(np.full((3, 2), 0.3 * math.sin(k)))[0] for k in range(40))]
     return np.array(rows), env.truth, env.interface
 
 

@@ -12,8 +12,7 @@ from gymnasium.vector import AutoresetMode
 from fbl_gym import TwoLinkArmEnv, TwoLinkArmVectorEnv
 from fbl_gym.kernel.step import api
 from tests.fbl_gym.episodes import EVENTFUL, ID, TRACKING, started_batch
-
-MODES = [mode.value for mode in AutoresetMode]
+from tests.fbl_gym.test_lanes import MODES
 
 
 @pytest.mark.parametrize("scenario", ["everything-3", "servo-elastic-2"])
@@ -205,11 +204,8 @@ def test_the_first_reset_is_of_every_lane(mode):
 
 
 def test_without_autoreset_a_lane_that_ended_must_be_reset():
-    env = TwoLinkArmVectorEnv(2, autoreset_mode="Disabled", duration=0.02)
-    with pytest.raises(ResetNeeded):
+    env = started_batch(2, autoreset_mode="Disabled", duration=0.02)
+    for _ in range(2):
         env.step(np.zeros((2, 2)))
-    env.reset(seed=0)
-    env.step(np.zeros((2, 2)))
-    env.step(np.zeros((2, 2)))
     with pytest.raises(ResetNeeded, match="lane 0 has ended"):
         env.step(np.zeros((2, 2)))
