@@ -93,10 +93,8 @@ def test_the_task_follows_the_arm(robot, scale):
 
 @pytest.mark.parametrize("robot", CLASSES)
 def test_a_wrong_data_sheet_is_told_and_the_truth_lies_on_both_sides_of_its_range(robot):
-    arm, zero = CLASSES[robot].arm, resolve("zero")
-    usual, wrong = (
-        make_env(zero, Scenario(**conditions(arm, robot, family, 2)), 64) for family in ("nominal", "datasheet")
-    )
+    tasks = (Scenario(**conditions(CLASSES[robot].arm, robot, family, 2)) for family in ("nominal", "datasheet"))
+    usual, wrong = (make_env(resolve("zero"), task, 64) for task in tasks)
     wrong.reset(seed=0)
     truth, told, ranges, drive = wrong.truth, wrong.interface, usual.interface, usual.scenario.actuator
     delay = np.array(ends(drive.delay)) + usual.scenario.control_dt

@@ -65,13 +65,6 @@ def test_a_signal_to_noise_ratio_gives_its_variance():
         assert (seen - plain()[1])[..., layout["position"]].var() == pytest.approx(variance, rel=0.05)
 
 
-def test_perfect_sensors_read_the_truth():
-    layout, seen, truths = plain()
-    for name in WAYS:
-        assert np.array_equal(seen[..., layout[name]], [getattr(truth, name) for truth in truths])
-    assert np.array_equal(truths[-1].motor_position, truths[-1].position)  # a rigid arm's motor is its link
-
-
 SENSED = [("position",), ("position", "velocity"), ("position", "acceleration"), ("acceleration", "position")]
 
 

@@ -136,8 +136,10 @@ def run_env(policy, steps, dt, **options):
         assert not terminated
         path.append(observation[:4])
     assert truncated
-    np.testing.assert_array_equal(path[-1], np.r_[env.truth.position, env.truth.velocity])
-    return np.array(path), env.truth
+    truth = env.truth
+    np.testing.assert_array_equal(path[-1], np.r_[truth.position, truth.velocity])
+    np.testing.assert_array_equal(truth.motor_position, truth.position)  # a rigid arm's motor is its link
+    return np.array(path), truth
 
 
 SWAY = SineReference(centre=(-1.2, 0.4), amplitude=(0.6, 0.8), frequency=0.4)
