@@ -62,14 +62,12 @@ def test_the_reference_goes_smoothly_to_the_target_also_in_the_preview():
     for _ in range(120):
         hand.aim(tuple(target))
         before, now = env.truth, env.step(ACTION)[0]
-    position, velocity, acceleration = (
-        now[layout[f"reference_{name}"]] for name in ("position", "velocity", "acceleration")
-    )
+    position, velocity, acceleration = now[layout.reference[:6]].reshape(3, 2)
     np.testing.assert_allclose(acceleration, BANDWIDTH**2 * (target - position) - 2 * BANDWIDTH * velocity, atol=1e-12)
     np.testing.assert_allclose(position - before.reference, 0.01 * velocity, atol=1e-3)
     assert np.abs(position - target).max() < 0.1
     ahead = now[layout["preview"]][:6]
     hand.aim(tuple(target))
-    np.testing.assert_allclose(env.step(ACTION)[0][layout["reference_position"].start :][:6], ahead, atol=1e-12)
+    np.testing.assert_allclose(env.step(ACTION)[0][layout.reference[:6]], ahead, atol=1e-12)
     hand.let_go()
     np.testing.assert_array_equal(env.reset(seed=3)[0], first)

@@ -56,16 +56,6 @@ def test_divergence_ends_the_episode_also_at_the_last_step():
     assert not env.step((0.0, 0.0))[2]
 
 
-def test_the_truth_of_a_diverged_arm_raises_no_warning():
-    """pytest turns NumPy's warnings into errors."""
-    env = started(arm={"m1": 0.01, "m2": 0.01}, actuator={"torque_limit": 1e5}, control_dt=0.1)
-    observation, reward, terminated, *_ = env.step((1.0, -1.0))
-    assert terminated
-    assert reward == 0.0
-    assert observation in env.observation_space
-    assert env.truth.time == pytest.approx(0.1)
-
-
 def end(**options):
     """Return the number of steps of an unforced arm's episode, its flags and the errors of its steps [steps]."""
     env = started(action="torque", **options)
@@ -111,9 +101,8 @@ def test_the_truth_needs_an_episode():
 
 
 def test_arrays_inside_options_survive_the_spec():
-    noise = {"position": {"sigma": np.array([1e-3, 2e-3])}}
     reference = {"kind": "array", "position": np.zeros((3, 2)), "dt": np.float64(0.1)}
-    env = gym.make(ID, actuator={"torque_limit": np.array([100.0, 50.0])}, noise=noise, reference=reference)
+    env = gym.make(ID, noise={"position": {"sigma": np.array([1e-3, 2e-3])}}, reference=reference)
     again = gym.make(EnvSpec.from_json(env.spec.to_json()))
     assert again.unwrapped.scenario == env.unwrapped.scenario
 
@@ -136,19 +125,22 @@ def test_the_cost_is_one_beyond_a_bound(options):
     assert set(info) == ({"cost"} if not options else {*plain.step(action)[4], "cost"})
 
 
-@pytest.mark.parametrize(
-    ("bound", "value", "joint"),
-    [("low", (-1.5, -9.0), 0), ("high", (9.0, 0.3), 1), ("velocity", (0.5, 99.0), 0), ("velocity", (99.0, 0.5), 1)],
-)
-def test_each_bound_counts(bound, value, joint):
+BOUNDS = [("low", (-1.5, -9.0)), ("high", (9.0, 0.3)), ("velocity", (0.5, 99.0)), ("velocity", (99.0, 0.5))]
+
+
+@pytest.mark.parametrize(("bound", "value"), BOUNDS)
+def test_each_bound_counts(bound, value):
     env = started(constraints={bound: value}, action="torque", seed=3)
     costs = set()
     for _ in range(100):
-        cost = env.step((0.0, 0.0))[4]["cost"]
-        position, speed = env.truth.position[joint], abs(env.truth.velocity[joint])
-        distances = {"low": position - value[joint], "high": value[joint] - position, "velocity": value[joint] - speed}
+        cost, truth = env.step((0.0, 0.0))[4]["cost"], env.truth
+        beyond = {
+            "low": value - truth.position,
+            "high": truth.position - value,
+            "velocity": abs(truth.velocity) - value,
+        }
         costs.add(cost)
-        assert cost == (distances[bound] < 0.0)
+        assert cost == (beyond[bound].max() > 0.0)
     assert costs == {0.0, 1.0}
     assert Constraints(**{bound: value}) == env.interface.constraints
 
@@ -160,10 +152,10 @@ def test_an_end_has_no_reward():
     assert (step[1], step[4]["cost"]) == (0.0, 1.0)
 
 
-@pytest.mark.parametrize(
-    ("control_dt", "physics_dt", "substeps"),
-    [(0.01, 0.001, 10), (0.001, 0.001, 1), (0.3, 0.1, 3), (1 / 30, 1 / 300, 10), (0.02, 1e-4, 200), (0.7, 0.1, 7)],
-)
+RATES = [(0.01, 0.001, 10), (0.001, 0.001, 1), (0.3, 0.1, 3), (1 / 30, 1 / 300, 10), (0.02, 1e-4, 200), (0.7, 0.1, 7)]
+
+
+@pytest.mark.parametrize(("control_dt", "physics_dt", "substeps"), RATES)
 def test_any_physics_step_that_divides_the_control_step_works(control_dt, physics_dt, substeps):
     scenario = Scenario(control_dt=control_dt, physics_dt=physics_dt, duration=3 * control_dt)
     assert scenario.substeps == substeps

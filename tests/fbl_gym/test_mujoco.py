@@ -56,14 +56,12 @@ SMOOTH = {
 def run(options, lanes=4, policy="computed-torque", seconds=3.0, **gains):
     """Return the truth of every step in closed loop, and all observations and rewards."""
     env = TwoLinkArmVectorEnv(lanes, duration=seconds, **options)
-    law = controllers.make(policy, env, **gains)
-    observation, _ = env.reset(seed=0)
-    truth, numbers, state, starts = [env.truth], [observation], None, np.ones(lanes, dtype=bool)
+    law, (observation, _), state = controllers.make(policy, env, **gains), env.reset(seed=0), None
+    truth, numbers = [env.truth], [observation]
     for _ in range(env.scenario.steps):
-        action, state = law.predict(observation, state=state, episode_start=starts, deterministic=True)
+        action, state = law.predict(observation, state)
         observation, reward, terminated, _, _ = env.step(action)
         assert not terminated.any()
-        starts[:] = False
         truth.append(env.truth)
         numbers += [observation, reward]
     return truth, numbers

@@ -90,7 +90,5 @@ def test_the_reference_stays_within_the_torque_limits(name):
     shape = 10 * s**3 - 15 * s**4 + 6 * s**5, 30 * s**2 * (1 - s) ** 2 / T, 60 * s * (1 - s) * (1 - 2 * s) / T**2
     for (first, last), share in moves:
         path, v, a = (part * np.subtract(last, first) for part in shape)
-        torque = np.abs(inverse_dynamics(scenario.arm, first + path, v, a)) + np.array(friction.coulomb)
-        assert np.all(
-            torque + np.array(friction.viscous) * np.abs(v) < share * np.array(scenario.actuator.torque_limit)
-        )
+        torque = np.abs(inverse_dynamics(scenario.arm, first + path, v, a)) + friction.viscous * np.abs(v)
+        assert np.all(torque + friction.coulomb < np.multiply(share, scenario.actuator.torque_limit))

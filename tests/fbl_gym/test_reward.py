@@ -36,10 +36,8 @@ def test_without_torque_limits_only_tracking_counts():
 @pytest.mark.parametrize("form", ["log", "l1"])
 def test_reward_has_a_slope_at_zero_error(form):
     """It is one at perfect tracking without effort or chatter, here of an arm that floats beside its reference."""
-    errors, rewards = np.array([0.0, 1e-6, 1e-4, 1e-2]), []
     still = {"reference": {"kind": "minimum-jerk", "points": [(0.0, 0.0)]}, "arm": {"gravity": 0.0}}
-    for error in errors:
-        env = started(reward={"tracking": form}, initial_error=(error, 0.0), **still)
-        rewards.append(env.step((0.0, 0.0))[1])
+    envs = [started(reward={"tracking": form}, initial_error=(x, 0.0), **still) for x in (0.0, 1e-6, 1e-4, 1e-2)]
+    errors, rewards = [0.0, 1e-6, 1e-4, 1e-2], [env.step((0.0, 0.0))[1] for env in envs]
     assert rewards[0] == 1.0
     assert np.all(np.diff(rewards) / np.diff(errors) < -0.1)

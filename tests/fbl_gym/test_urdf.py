@@ -142,16 +142,10 @@ def test_torque_limits_of_mujocos_actuators(elbow, limit, doubt, tmp_path):
 
 
 def test_lengths_gravity_and_tilt(file):
-    arm, flat, tilted, turned, plain = (
-        read_robot(file(text)).arm
-        for text in (
-            chain(elbow="0.5 0.1 0"),
-            chain(elbow="0.4 0 0", centre2="0.12 0 0.1").replace("0 1 0", "0 0 1"),
-            chain(base='0 0 1" rpy="0.5 0 0'),
-            chain(axis2="0 -1 0"),
-            chain(),
-        )
-    )
+    flat = chain(elbow="0.4 0 0", centre2="0.12 0 0.1").replace("0 1 0", "0 0 1")
+    tilted, turned = chain(base='0 0 1" rpy="0.5 0 0'), chain(axis2="0 -1 0")
+    texts = chain(elbow="0.5 0.1 0"), flat, tilted, turned, chain()
+    arm, flat, tilted, turned, plain = (read_robot(file(text)).arm for text in texts)
     assert (arm.L1, arm.L2, arm.gravity) == (pytest.approx(0.5), pytest.approx(0.3), pytest.approx(9.81))
     assert (flat.gravity, tilted.gravity, turned) == (0.0, pytest.approx(9.81 * np.cos(0.5)), plain)
 
@@ -161,10 +155,10 @@ PENDUBOT = DRIVEN.replace("</robot>", '<transmission><joint name="shoulder"/></t
 FRICTION = DRIVEN.replace('velocity="1"/>', 'velocity="1"/><dynamics damping="0.001" friction="0.16"/>')
 
 
-@pytest.mark.parametrize(
-    ("text", "limit", "friction"),
-    [(DRIVEN, (12.0, 12.0), None), (PENDUBOT, (12.0, 0.0), None), (FRICTION, (12.0, 12.0), (0.16, 0.001))],
-)
+DRIVES = [(DRIVEN, (12.0, 12.0), None), (PENDUBOT, (12.0, 0.0), None), (FRICTION, (12.0, 12.0), (0.16, 0.001))]
+
+
+@pytest.mark.parametrize(("text", "limit", "friction"), DRIVES)
 def test_an_environment_takes_arm_drives_and_friction_and_says_so(file, text, limit, friction):
     path = file(text)
     message = f"(?s)theta1 = .*effort.*: {limit[0]:g}, {limit[1]:g}.*the velocity are not"
