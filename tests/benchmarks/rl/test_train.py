@@ -33,9 +33,8 @@ OFF_POLICY = {"lanes": 4, "steps": 200, "arguments": {"learning_starts": 20, "bu
 
 
 def settings(algorithm="ppo", **changes):
-    hyperparameters = ON_POLICY if algorithm == "ppo" else OFF_POLICY
-    options = {"algorithm": algorithm, "scenarios": (SCENARIO,), "hyperparameters": hyperparameters, **changes}
-    return TrainingSettings(**options)
+    given = {"scenarios": (SCENARIO,), "hyperparameters": ON_POLICY if algorithm == "ppo" else OFF_POLICY}
+    return TrainingSettings(**{"algorithm": algorithm, **given, **changes})
 
 
 def curve(folder):
@@ -50,8 +49,7 @@ def test_a_run_writes_the_agent_that_it_validated(algorithm, tmp_path):
     assert description["command"] == "fbl-gym train"
     assert description["packages"]["stable-baselines3"]
     assert bool(list(tmp_path.rglob("events.*"))) == (algorithm != "ppo")
-    assert description["scenario"] == SCENARIO.to_dict()
-    assert points[-1][0] == settings(algorithm).steps
+    assert (description["scenario"], points[-1][0]) == (SCENARIO.to_dict(), settings(algorithm).steps)
     assert description["validation_mrad"] == min(error for _, error in points)
     env = TwoLinkArmVectorEnv(len(VALIDATION), SCENARIO)
     error = tracking_error(Agent(env.interface, *read(tmp_path)), env, VALIDATION).mean()
@@ -61,7 +59,7 @@ def test_a_run_writes_the_agent_that_it_validated(algorithm, tmp_path):
 def test_an_agent_trains_on_several_scenarios_side_by_side(tmp_path, capsys):
     names = ["servo-practice-nominal", "servo-practice-delay-3"]
     each = tuple(scenarios.get(name).replace(duration=0.2) for name in names)
-    adapter = AdapterSettings("residual", history=2, drive=True, preview=0.05, sensors=("position", "velocity"))
+    adapter = dataclasses.replace(PLAIN, action="residual", history=2, drive=True, preview=0.05)
     train(settings(scenarios=each, adapter=adapter), tmp_path, evaluations=2)
     alone = validate(adapter, adapter.base, each)
     assert capsys.readouterr().err.startswith(f"{adapter.base} alone: validation {alone:.3f} mrad")
@@ -99,10 +97,7 @@ def test_a_run_trains_on_the_motions_of_its_scenarios_and_on_others_that_no_boar
     assert TrainingSettings("ppo", scenarios=tasks).practice == [*tasks]
     practice, motions = TrainingSettings("ppo", scenarios=tasks, moves=True).practice, training_settings.MOTIONS
     assert [task.reference for task in practice[:4]] == [tasks[0].reference, *motions]
-    assert {task.reference for task in practice} == {
-        tasks[0].reference,
-        *motions,
-    }  # saturation has its turn with others
+    assert {task.reference for task in practice} == {tasks[0].reference, *motions}  # saturation takes turns, too
     assert not any(map(scenarios.held_out_reason, practice))
 
 
@@ -162,10 +157,10 @@ def test_an_episode_that_time_ends_has_its_last_observation():
 def test_a_run_repeats_and_its_seed_and_reward_matter(tmp_path):
     """The reward of the hyperparameters is the environment's, whose default has a resolution of 1e-3."""
     results = []
-    for k, (seed, reward) in enumerate(((0, {}), (0, {"resolution": 1e-3}), (1, {}), (0, {"resolution": 1e-4}))):
-        hyperparameters = ON_POLICY | ({"reward": reward} if reward else {})
-        train(settings(seed=seed, hyperparameters=hyperparameters), tmp_path / str(k), evaluations=3)
-        results.append((curve(tmp_path / str(k)), read(tmp_path / str(k))[1].layers[0][0].tolist()))
+    for seed, reward in ((0, {}), (0, {"resolution": 1e-3}), (1, {}), (0, {"resolution": 1e-4})):
+        hyperparameters, folder = ON_POLICY | ({"reward": reward} if reward else {}), tmp_path / str(len(results))
+        train(settings(seed=seed, hyperparameters=hyperparameters), folder, evaluations=3)
+        results.append((curve(folder), read(folder)[1].layers[0][0].tolist()))
     assert results[0] == results[1]
     assert results[0][0] != results[3][0]
     assert results[0][1] != results[2][1]
@@ -200,10 +195,9 @@ def test_a_stopped_run_goes_on_and_a_finished_one_is_extended(algorithm, tmp_pat
     assert curve(tmp_path) == after
     assert f"the run has {given.steps:,} steps already" in capsys.readouterr().err
     train(settings(algorithm, steps=2 * given.steps), tmp_path, evaluations=2)
-    steps = [n for n, _ in curve(tmp_path)]
-    assert steps == sorted(set(steps))
-    assert steps[-1] == 2 * given.steps
-    assert curve(tmp_path)[: len(after)] == after
+    steps, _ = zip(*(longer := curve(tmp_path)), strict=True)
+    assert list(steps) == sorted(set(steps))
+    assert (steps[-1], longer[: len(after)]) == (2 * given.steps, after)
 
 
 class Marker:
@@ -228,11 +222,10 @@ def test_a_run_of_some_processor_time_ends(tmp_path):
     assert describe(tmp_path)["wall_s"] < 60
 
 
-@pytest.mark.parametrize("algorithm", training_settings.ALGORITHMS)
-def test_shipped_hyperparameters_state_their_tuning(algorithm):
-    hyperparameters = shipped_hyperparameters(algorithm)
-    assert set(hyperparameters) == {"tuned", "lanes", "steps", "arguments"}
-    assert len(hyperparameters["tuned"]) > 20
+def test_shipped_hyperparameters_state_their_tuning():
+    for hyperparameters in map(shipped_hyperparameters, training_settings.ALGORITHMS):
+        assert set(hyperparameters) == {"tuned", "lanes", "steps", "arguments"}
+        assert len(hyperparameters["tuned"]) > 20
 
 
 @pytest.mark.parametrize(("changes", "message"), [
@@ -268,7 +261,7 @@ def test_settings_without_a_length_take_the_steps_of_the_hyperparameters():
 @pytest.fixture
 def short(folder):
     """A folder with hyperparameters of a short run."""
-    (folder / "short.json").write_text(json.dumps({"ppo": ON_POLICY | {"steps": 80}}))
+    (folder / "short.json").write_text(json.dumps({"ppo": ON_POLICY}))
     return folder
 
 
@@ -298,8 +291,7 @@ def test_options_reach_the_agent(short, fbl_gym):
     ("--hyperparameters none.json", 4, {}, "none.json must be JSON with an entry 'ppo': JSONDecodeError"),
 ])  # fmt: skip
 def test_a_mistake_is_answered_with_what_is_right(options, lanes, arguments, message, short, fbl_gym):
-    content = json.loads((short / "short.json").read_text())["ppo"] | {"lanes": lanes}
-    content["arguments"] |= arguments
+    content = ON_POLICY | {"lanes": lanes, "arguments": ON_POLICY["arguments"] | arguments}
     (short / "short.json").write_text(json.dumps({"ppo": content}))
     (short / "none.json").touch()
     assert message in fbl_gym(f"{SHORT} {options}", 2).err
