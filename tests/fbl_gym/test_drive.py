@@ -119,9 +119,8 @@ def test_previous_actions_are_those_on_their_way(actuator, count):
 def test_a_drive_that_fails_gives_no_torque_at_once_whatever_its_lag_and_ripple(actuator, joint):
     event = {"kind": "drive", "time": 0.02, "factor": (0.0, 0.5)}
     options = {"actuator": actuator, "joint": joint, "arm": {"rotor": 1e9}}  # which hardly turns
-    (applied,), (healthy,) = (
-        watch("applied_torque", torque=JUMP, steps=40, events=x, **options) for x in ([event], [])
-    )
+    runs = (watch("applied_torque", torque=JUMP, steps=40, events=events, **options) for events in ([event], []))
+    (applied,), (healthy,) = runs
     np.testing.assert_array_equal(applied[:21], healthy[:21])
     np.testing.assert_array_equal(applied[21:, 0], 0.0)
     np.testing.assert_allclose(applied[21:, 1], 0.5 * healthy[21:, 1], rtol=1e-2)

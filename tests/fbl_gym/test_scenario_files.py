@@ -42,9 +42,8 @@ def test_a_file_changes_its_base_table_by_table(folder):
 
 
 def test_a_mapping_has_a_base_and_draws_replace_draws():
-    base = {"parameter_error": {"payload": {"mass": {"uniform": [0, 1]}, "pick_up": 1.0}}}
-    plain = as_scenario(base).to_dict()
-    choice = {"payload": {"mass": {"choice": [1, 2]}, "pick_up": 1.0}}
+    uniform, choice = ({"payload": {"mass": {kind: [1, 2]}, "pick_up": 1.0}} for kind in ("uniform", "choice"))
+    plain = as_scenario({"parameter_error": uniform}).to_dict()
     changed = as_scenario({**plain, "base": "nominal", "parameter_error": choice})
     assert changed.parameter_error.payload.mass.choice == (1.0, 2.0)
     assert as_scenario({"base": "noise-2"}).noise == scenarios.get("noise-2").noise

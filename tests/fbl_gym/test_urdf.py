@@ -99,9 +99,8 @@ NO_TIP = chain().replace('<origin xyz="0.3 0 0"/></joint>\n    </robot>', "</joi
 ])  # fmt: skip
 def test_the_dynamics_equals_pinocchios(file, text, tolerance, doubts):
     """To rounding, or within what the file's reader says that it neglected."""
-    path = file(text)
-    assert doubts in "; ".join(read_robot(path).doubts)
-    assert (doubts == "") == (read_robot(path).doubts == [])
+    found = "; ".join(read_robot(path := file(text)).doubts)
+    assert (doubts in found, doubts == "") == (True, found == "")
     assert_equal_to(path, pinocchios(text), tolerance)
 
 
@@ -163,10 +162,9 @@ def test_an_environment_takes_arm_drives_and_friction_and_says_so(file, text, li
     path = file(text)
     message = f"(?s)theta1 = .*effort.*: {limit[0]:g}, {limit[1]:g}.*the velocity are not"
     message += "(?s:.*no <transmission> drives elbow: its torque limit is 0)" if text == PENDUBOT else ""
-    for make in (TwoLinkArmEnv, Scenario, lambda arm: as_scenario({"arm": arm})):
+    for make in (lambda arm: TwoLinkArmEnv(arm=arm).scenario, Scenario, lambda arm: as_scenario({"arm": arm})):
         with pytest.warns(RobotFileWarning, match=message):
-            made = make(arm=path)
-        scenario = getattr(made, "scenario", made)
+            scenario = make(arm=path)
         read = scenario.friction and (scenario.friction.coulomb[0], scenario.friction.viscous[1])
         assert (scenario.arm, scenario.actuator.torque_limit, read) == (read_robot(path).arm, limit, friction)
     assert Scenario.from_dict(scenario.to_dict()) == scenario  # without the file
@@ -184,10 +182,10 @@ def test_names_choose_joints_and_tip(file):
     ):
         with pytest.raises(ValueError, match=message):
             read_robot(f"{path}{names}")
-    arm, longer = (read_robot(f"{path}:shoulder,elbow,{tip}").arm for tip in ("tool", "0.5"))
-    assert (arm, longer.L2) == (read_robot(file(chain())).arm, 0.5)
+    arms = [read_robot(f"{path}:shoulder,elbow,{tip}").arm for tip in ("tool", "0.5")]
+    assert (arms[0], arms[1].L2) == (read_robot(file(chain())).arm, 0.5)
     two = file(chain(extra=BEHIND))
-    assert [read_robot(f"{two}:{tip}").arm for tip in ("tool", "0.5")] == [arm, longer]
+    assert [read_robot(f"{two}:{tip}").arm for tip in ("tool", "0.5")] == arms
     with pytest.raises(ValueError, match=r"payload needs the tip"), pytest.warns(RobotFileWarning):
         Scenario(arm=file(NO_TIP), parameter_error={"payload": 1.0})
 
