@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from fbl_gym import TwoLinkArmEnv, TwoLinkArmTrackingEnv, TwoLinkArmTrackingVectorEnv, TwoLinkArmVectorEnv
-from tests.fbl_gym.episodes import EVENTFUL, RECORDS, episode, needs_mujoco, started, started_batch
+from tests.fbl_gym.episodes import EVENTFUL, RECORDS, episode, needs_mujoco, started, started_batch, truths_of
 
 ON_MUJOCO = pytest.param({"scenario": "everything-2@mujoco"}, marks=needs_mujoco)
 PLANT = pytest.param({"plant": "mujoco"}, marks=needs_mujoco)
@@ -33,12 +33,10 @@ def test_a_copy_in_mid_episode_continues_independently(copied, options):
 
 def test_an_environment_unpickled_onto_read_only_memory_steps():
     """Joblib gives its workers such memory maps."""
-    env = started()
-    buffers = []
+    env, buffers = started(), []
     data = pickle.dumps(env, protocol=5, buffer_callback=buffers.append)
     other = pickle.loads(data, buffers=[bytes(buffer) for buffer in buffers])
-    action = np.array([0.1, -0.2])
-    np.testing.assert_array_equal(other.step(action)[0], env.step(action)[0])
+    np.testing.assert_array_equal(other.step((0.1, -0.2))[0], env.step((0.1, -0.2))[0])
 
 
 HISTORY = {"scenario": "servo-nominal", "duration": 0.3, "history": 3}
@@ -71,11 +69,8 @@ def test_an_episode_starts_where_reset_says(options):
     start = {"position": (-1.2, 0.4), "velocity": (0.5, -0.25), "reference": (-1.0, 0.5)}
     env, plain = TwoLinkArmEnv(**options), TwoLinkArmEnv(**options)
     env.reset(seed=3, options=start)
-    truth = env.truth
-    assert (truth.position.tolist(), truth.velocity.tolist()) == ([-1.2, 0.4], [0.5, -0.25])
-    for _ in range(300):
-        env.step(np.zeros(2))
-    assert env.truth.reference.tolist() == [-1.0, 0.5]
+    first, *_, last = truths_of(env, np.zeros((300, 2)))
+    np.testing.assert_array_equal([first.position, first.velocity, last.reference], [*start.values()])
     np.testing.assert_array_equal(env.reset(seed=3)[0], plain.reset(seed=3)[0])
 
 

@@ -4,7 +4,7 @@ import numpy as np
 from scipy import stats
 
 from fbl_gym import TwoLinkArmVectorEnv
-from tests.fbl_gym.episodes import play, same, started_batch
+from tests.fbl_gym.episodes import play, run, same, started_batch
 
 
 def test_a_piecewise_constant_disturbance_has_levels_of_its_period_and_amplitude():
@@ -22,12 +22,8 @@ def test_a_piecewise_constant_disturbance_has_levels_of_its_period_and_amplitude
 
 def test_levels_of_a_disturbance_are_new_in_each_lane_and_episode():
     env = TwoLinkArmVectorEnv(512, disturbance={"kind": "piecewise-constant", "amplitude": 1.0, "period": 0.01})
-    levels = []
-    for start in ({"seed": 0}, {}):
-        env.reset(**start)
-        for _ in range(3):
-            env.step(np.zeros((512, 2)))
-            levels += [*env.truth.disturbance.T]
+    truths = [truth for seed in (0, None) for truth in run(env, 3, seed=seed)[1][1:]]
+    levels = np.concatenate([truth.disturbance.T for truth in truths])
     assert len(levels) == 12
     assert np.abs(np.corrcoef(levels) - np.eye(12)).max() < 0.2
     assert stats.kstest(np.concatenate(levels), stats.uniform(-1, 2).cdf).pvalue > 1e-3

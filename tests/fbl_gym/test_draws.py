@@ -17,13 +17,14 @@ LANES = 4000
 def test_numbers_have_their_distributions():
     friction = {"viscous": {"uniform": [1, 5]}, "coulomb": [{"log_uniform": [0.1, 10]}, {"uniform": [0, 2]}]}
     start = started_batch(LANES, friction=friction, actuator={"gain": {"uniform": [0.5, 1.5]}}).truth
-    drawn = [
-        *[(start.viscous[:, joint], stats.uniform(1, 4)) for joint in (0, 1)],
-        *[(start.gain[:, joint], stats.uniform(0.5, 1)) for joint in (0, 1)],
-        (start.coulomb[:, 0], stats.loguniform(0.1, 10)),
-        (start.coulomb[:, 1], stats.uniform(0, 2)),
+    drawn = np.hstack([start.viscous, start.gain, start.coulomb]).T
+    expected = [
+        *[stats.uniform(1, 4)] * 2,
+        *[stats.uniform(0.5, 1)] * 2,
+        stats.loguniform(0.1, 10),
+        stats.uniform(0, 2),
     ]
-    for values, distribution in drawn:
+    for values, distribution in zip(drawn, expected, strict=True):
         assert stats.kstest(values, distribution.cdf).pvalue > 1e-3
     assert abs(np.corrcoef(start.viscous.T)[0, 1]) < 0.06
     assert abs(np.corrcoef(start.viscous[:, 0], start.gain[:, 0])[0, 1]) < 0.06
@@ -38,9 +39,8 @@ def test_a_choice_has_equal_chances():
 
 def test_ends_and_middle():
     assert ends((Distribution(uniform=(1, 2)), 5.0)) == (1.0, 5.0)
-    assert middle(Distribution(log_uniform=(1, 4))) == 2.0
-    assert middle(Distribution(choice=(1, 4, 6))) == 3.5
-    assert middle(3.0) == 3.0
+    numbers = Distribution(log_uniform=(1, 4)), Distribution(choice=(1, 4, 6)), 3.0
+    assert [*map(middle, numbers)] == [2.0, 3.5, 3.0]
 
 
 UNRELATED = ("applied_torque", "disturbance", "masses", "lengths", "payload")
@@ -111,9 +111,7 @@ def test_arm_and_reference_stay_and_noise_and_disturbance_are_new(reference):
     np.testing.assert_array_equal(seen, usual)
     assert not np.array_equal(usual_first[0].masses, usual_second[0].masses)
     assert not np.array_equal(usual_first[0].reference, usual_second[0].reference)
-    noise, new, usual_new = (
-        readings[..., :2] - [truth.position for truth in truths]
-        for readings, truths in ((seen, first), (seen_again, second), (usual_again, usual_second))
-    )
+    pairs = ((seen, first), (seen_again, second), (usual_again, usual_second))
+    noise, new, usual_new = (rows[..., :2] - [truth.position for truth in truths] for rows, truths in pairs)
     assert np.std(noise - new) == pytest.approx(0.01 * np.sqrt(2), rel=0.2)  # the bias stays
     np.testing.assert_allclose(np.diff(new, axis=0), np.diff(usual_new, axis=0), atol=1e-12)

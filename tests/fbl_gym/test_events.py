@@ -53,8 +53,7 @@ def test_a_grasp_conserves_momentum_and_loses_energy():
 
 
 def test_a_drop_releases_all_payload_and_keeps_velocities():
-    option = {"parameter_error": {"payload": 3.0}}
-    ours, plain = both({"kind": "drop", "time": 0.03}, **option)
+    ours, plain = both({"kind": "drop", "time": 0.03}, parameter_error={"payload": 3.0})
     assert np.abs(jump(ours, plain, 30)).max() < 0.1
     np.testing.assert_array_equal(ours["payload"], [3.0] * 31 + [0.0] * 30)
     np.testing.assert_array_equal(ours["lumped"][31], TABLE_1.lumped)

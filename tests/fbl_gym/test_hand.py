@@ -39,17 +39,14 @@ def test_a_push_is_a_disturbance_of_one_control_step():
 
 def test_payload_drives_and_noise_change_at_the_next_step():
     env, hand, _ = started("payload-2")
-    gain, own = env.truth.gain, env.truth.payload
+    before = env.truth
     hand.load(2.0)
     hand.scale_drives((1.0, 0.5))
     hand.make_noise((1e-3, 1e-2))
-    observation = env.step(ACTION)[0]
-    truth = env.truth
-    assert truth.payload == own + 2.0
-    np.testing.assert_array_equal(truth.gain, gain * (1.0, 0.5))
+    observation, truth = env.step(ACTION)[0], env.truth
+    np.testing.assert_array_equal([truth.payload, *truth.gain], [before.payload + 2.0, *before.gain * (1.0, 0.5)])
     readings = np.abs(observation[:4] - [*truth.position, *truth.velocity])
-    assert (readings > 0.0).all()
-    assert (readings < 5 * np.repeat([1e-3, 1e-2], 2)).all()
+    assert ((readings > 0.0) & (readings < 5 * np.repeat([1e-3, 1e-2], 2))).all()
     hand.unload()
     env.step(ACTION)
     assert env.truth.payload == 0.0

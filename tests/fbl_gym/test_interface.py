@@ -29,8 +29,8 @@ SPRINGS = ("stiffness", "damping", "rotor_inertia", "backlash", "encoder")
 def test_the_interface_states_drive_and_sensors(options, stated):
     interface = TwoLinkArmEnv(**options).interface
     for name in FIELDS:
-        expected = np.array(stated.get(name, getattr(IDEAL, name)), dtype=float)
-        np.testing.assert_allclose(np.array(getattr(interface, name), dtype=float), expected, err_msg=name)
+        given, expected = getattr(interface, name), stated.get(name, getattr(IDEAL, name))
+        np.testing.assert_allclose(np.array(given, float), np.array(expected, float), err_msg=name)
     assert hash(interface) == hash(dataclasses.replace(interface))
 
 

@@ -48,9 +48,8 @@ def test_noise_is_new_in_each_episode_and_seed_and_the_same_for_every_policy():
 def test_a_reading_is_bias_then_noise_then_rounding():
     quantum, bias = np.array([0.01, 0.25]), np.array([0.5, -1.0])
     for sensor in WAYS:
-        sigma = {"sigma": (0.03, 0.2)}
-        layout, noisy, _ = play(noise={sensor: sigma})
-        _, seen, truths = play(noise={sensor: {**sigma, "bias": bias, "quantization": quantum}})
+        layout, noisy, _ = play(noise={sensor: (0.03, 0.2)})
+        _, seen, truths = play(noise={sensor: {"sigma": (0.03, 0.2), "bias": bias, "quantization": quantum}})
         expected = np.floor((noisy[..., layout[sensor]] + bias) / quantum + 0.5) * quantum
         np.testing.assert_array_equal(seen[..., layout[sensor]], expected)
         assert same(truths, plain()[2], *PLANT)

@@ -23,9 +23,8 @@ def test_every_named_scenario_runs_single_and_batched(name):
 
 
 def test_a_scenarios_family_severity_and_tier():
-    assert scenarios.member("mass-error-2@mujoco") == ("mass-error", 2, "ideal")
-    assert scenarios.member("nominal") == ("nominal", 0, "ideal")
-    assert scenarios.member("servo-noise-1") == ("noise", 1, "servo")
+    members = map(scenarios.member, ("mass-error-2@mujoco", "nominal", "servo-noise-1"))
+    assert [*members] == [("mass-error", 2, "ideal"), ("nominal", 0, "ideal"), ("noise", 1, "servo")]
     assert not any(map(scenarios.member, ("paper-8", "heavy-3", "noise", "noise-2~3f9a20")))
 
 
