@@ -133,10 +133,10 @@ def normalized(env, folder):
     return env
 
 
-@pytest.mark.parametrize(
-    ("padding", "place"),
-    [("first", ""), ("zeros", ""), ("first", "outside"), ("zeros", "outside"), ("zeros", "inside")],
-)
+STACKS = [("first", ""), ("zeros", ""), ("first", "outside"), ("zeros", "outside"), ("zeros", "inside")]
+
+
+@pytest.mark.parametrize(("padding", "place"), STACKS)
 def test_an_archive_of_stacked_frames_acts_on_the_arm_as_it_was_saved(padding, place, tmp_path):
     """In a later episode, and with the statistics of `VecNormalize` outside or inside of the stack, too."""
     env = TwoLinkArmTrackingEnv("servo-delay-2", duration=0.1, preview=2, fine=(0.01, 0.1))
@@ -237,10 +237,7 @@ def test_the_exported_actor_acts_like_sb3s(algorithm):
 
 LANES = 3
 # Some lanes diverge, others are truncated, at different steps.
-OPTIONS = {"scenario": "everything-3", "duration": 0.4} | {
-    "limits": {"velocity": 4.0},
-    "constraints": {"velocity": 2.0},
-}
+OPTIONS = {"scenario": "everything-3", "duration": 0.4, "limits": {"velocity": 4}, "constraints": {"velocity": 2}}
 
 
 def batched():

@@ -73,21 +73,23 @@ def test_the_validation_of_several_scenarios_is_that_of_a_board(tmp_path):
     train(settings(), tmp_path, evaluations=1)
     tasks = [scenarios.get(name).replace(duration=0.3) for name in ("everything-1", "everything-2")]
     traces = [rollout(str(tmp_path), task, VALIDATION) for task in tasks]
-    logs = [np.log(row["error_mrad"]) for trace in traces for row in measure(trace)]
+    errors = np.array([[row["error_mrad"] for row in measure(trace)] for trace in traces])
     # `error_mrad` also counts the first sample, whose error is that of the initial state.
-    steps = np.array([[len(trace.time) - 1] * len(VALIDATION) for trace in traces]).ravel()
-    first = np.concatenate([1e3 * np.abs(t.reference - t.position)[0].mean(axis=-1) for t in traces])
-    expected = np.exp(np.log((np.exp(logs) * (steps + 1) - first) / steps).mean())
+    first = [1e3 * np.abs(trace.reference - trace.position)[0].mean(axis=-1) for trace in traces]
+    steps = tasks[0].steps
+    expected = np.exp(np.log((errors * (steps + 1) - first) / steps).mean())
     assert validate(*read(tmp_path), tasks) == pytest.approx(expected, rel=1e-6)
 
 
 def test_each_scenario_has_enough_lanes_and_a_seed_for_each():
-    each, least = tuple(map(scenarios.get, scenarios.in_tier("servo-practice", (3,)))), training_settings.LEAST_LANES
-    assert TrainingSettings("sac", scenarios=each).lanes == TrainingSettings("sac").lanes == least
-    assert TrainingSettings("ppo", scenarios=each).lanes == shipped_hyperparameters("ppo")["lanes"] // len(each)
-    blend = AdapterSettings("blend", second="lqg")
-    assert TrainingSettings("ppo", blend, each[:10]).lanes == shipped_hyperparameters("ppo", "blend")["lanes"] // 10
-    assert TrainingSettings("ppo", blend).lanes == SEEDS_PER_RUN
+    each, blend = (
+        tuple(map(scenarios.get, scenarios.in_tier("servo-practice", (3,)))),
+        AdapterSettings("blend", second="lqg"),
+    )
+    lanes = shipped_hyperparameters("ppo")["lanes"], shipped_hyperparameters("ppo", "blend")["lanes"]
+    given = ("sac", PLAIN, each), ("sac",), ("ppo", PLAIN, each), ("ppo", blend, each[:10]), ("ppo", blend)
+    expected = *[training_settings.LEAST_LANES] * 2, lanes[0] // len(each), lanes[1] // 10, SEEDS_PER_RUN
+    assert tuple(TrainingSettings(*arguments).lanes for arguments in given) == expected
     with pytest.raises(ValueError, match="not above 2000, got 2001"):
         TrainingSettings("ppo", scenarios=each[:2], hyperparameters=shipped_hyperparameters("ppo") | {"lanes": 2001})
 
@@ -103,13 +105,12 @@ def test_a_run_trains_on_the_motions_of_its_scenarios_and_on_others_that_no_boar
 
 def test_a_run_trains_on_drawn_arms_too():
     tasks = tuple(map(scenarios.get, scenarios.in_tier("geared-practice", (3,))))
-    drawn = TrainingSettings("ppo", scenarios=tasks, arms=2)
+    drawn, again, new = (TrainingSettings("ppo", scenarios=tasks, arms=2, seed=seed) for seed in (0, 0, 1))
     assert drawn.lanes == drawn.hyperparameters["lanes"] // (3 * len(tasks))
     assert drawn.practice[: len(tasks)] == [*tasks]
+    assert drawn.practice == again.practice != new.practice
     others = drawn.practice[len(tasks) :]
     assert len({other.arm for other in others} - {task.arm for task in tasks}) == len(others) == 2 * len(tasks)
-    assert others == TrainingSettings("ppo", scenarios=tasks, arms=2).practice[len(tasks) :]
-    assert others != TrainingSettings("ppo", scenarios=tasks, arms=2, seed=1).practice[len(tasks) :]
     assert not any(map(scenarios.held_out_reason, others))
     for task, other in zip(tasks + tasks, others, strict=True):
         usual = scenarios.as_scenario({"base": task.name, "arm": dataclasses.asdict(other.arm)})
@@ -149,9 +150,8 @@ def test_an_episode_that_time_ends_has_its_last_observation():
     lanes = _Arms([batch(2, PLAIN, "servo-practice-nominal", duration=0.03)])
     lanes.reset(0)
     seen, _, _, cut, last = zip(*(lanes.step(np.full((2, 2), 0.1, np.float32)) for _ in range(3)), strict=True)
-    assert [each.tolist() for each in cut] == [[False] * 2, [False] * 2, [True] * 2]
     same = [torch.equal(*(x[:, : lanes.observed] for x in pair)) for pair in zip(seen, last, strict=True)]
-    assert same == [True, True, False]
+    assert ([each.tolist() for each in cut], same) == ([[False] * 2, [False] * 2, [True] * 2], [True, True, False])
 
 
 def test_a_run_repeats_and_its_seed_and_reward_matter(tmp_path):
