@@ -189,8 +189,10 @@ def test_kill_9_in_a_loop(tmp_path):
 
 
 def test_two_processes_share_a_store(tmp_path):
-    for process in [subprocess.Popen([*COMMAND, "--store", str(tmp_path)]) for _ in range(2)]:
-        assert process.wait(timeout=120) == 0
+    command, pipes = [*COMMAND, "--store", str(tmp_path)], {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE}
+    for process in [subprocess.Popen(command, **pipes) for _ in range(2)]:
+        _, errors = process.communicate(timeout=120)
+        assert process.returncode == 0, errors
     assert len(list(Store(tmp_path).results())) == TOTAL
     assert not list(tmp_path.glob(".*"))
 
