@@ -31,9 +31,8 @@ def coverage(board: Board, seeds: int) -> dict[str, Array]:
     Returns:
         for error, lost runs and rank, an entry for each ranked policy.
     """
-    count = len(board.seeds) // seeds
     held: dict[str, list[Array]] = {}
-    for k in range(count):
+    for k in range(len(board.seeds) // seeds):
         some = np.arange(len(board.seeds)) // seeds == k
         small, others = board.of_seeds(some), board.of_seeds(~some)
         for name, numbers in (("error", Board.error), ("lost", lambda x: x.lost), ("rank", lambda x: x.rank)):

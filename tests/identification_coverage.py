@@ -46,12 +46,9 @@ def move(robot: Scenario, generator: np.random.Generator, size: Sequence[float] 
     time = np.arange(robot.steps) * robot.control_dt
     torque = (size * np.sin(rate * time[:, None, None] + phase)).sum(axis=1)
     env = TwoLinkArmEnv(robot, action="torque")
-    observation, _ = env.reset(seed=int(generator.integers(2**31)))
-    rows = []
-    for action in torque.astype(np.float32):
-        rows.append(observation[:2])
-        observation, *_ = env.step(action)
-    return np.column_stack([time, rows, torque])
+    first = env.reset(seed=int(generator.integers(2**31)))[0]
+    rows = [first, *(env.step(action)[0] for action in torque.astype(np.float32)[:-1])]
+    return np.column_stack([time, np.array(rows)[:, :2], torque])
 
 
 def write(path: Path, rows: Array, names: Sequence[str] = NAMES) -> Path:

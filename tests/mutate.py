@@ -13,14 +13,11 @@ from pathlib import Path
 
 ROOT = Path(__file__).parents[1]
 TARGETS = {
-    "fbl_gym/model/arm.py": ("lumped_terms", "inertia_terms", "coriolis_terms", "gravity_terms", "solve_terms"),
-    "fbl_gym/kernel/arm/physics.py": ("load_on_joints", "_stage", "moved", "weighted", "hold", "lump"),
-    "fbl_gym/model/chain.py": ("segment_terms", "chain_inertia", "chain_load", "reduce_terms", "bend_terms"),
+    "model/arm": ("lumped_terms inertia_terms coriolis_terms gravity_terms solve_terms", "arm"),
+    "kernel/arm/physics": ("load_on_joints _stage moved weighted hold lump", "physics friction"),
+    "model/chain": ("segment_terms chain_inertia chain_load reduce_terms bend_terms", "flexible mujoco"),
 }
-"""Functions by their file."""
-
-TESTS = {"arm.py": ("arm",), "physics.py": ("physics", "friction"), "chain.py": ("flexible", "mujoco")}
-"""Names of the files of tests that must fail, by the name of that file."""
+"""Functions, and the files of tests of which one must fail, by the file of the functions."""
 
 
 def mutants(path, functions):
@@ -28,15 +25,12 @@ def mutants(path, functions):
     source = (ROOT / path).read_text()
     for function in functions:
         start = source.index(f"def {function}(")
-        end = source.find("\n\n\n", start)
-        end = len(source) if end < 0 else end
-        body = source.index('"""', source.index('"""', start) + 3) + 3
-        for match in re.finditer(r" [+-] | [+-](?== )|(?<=[ (])-(?=\w)", source[body:end]):
-            sign, place = match.group(), body + match.start()
-            other = sign.replace("+", "-") if "+" in sign else sign.replace("-", "+")
-            line = source.count("\n", 0, place) + 1
+        body, end = source.index('"""', source.index('"""', start) + 3) + 3, f"{source}\n\n\n".index("\n\n\n", start)
+        for match in re.compile(r" [+-] | [+-](?== )|(?<=[ (])-(?=\w)").finditer(source, body, end):
+            sign, line = match.group(), source.count("\n", 0, match.start()) + 1
+            other = sign.translate({ord("+"): "-", ord("-"): "+"})
             name = f"{function}, line {line}: {sign.strip()} to {other.strip()}"
-            yield name, source[:place] + other + source[place + len(sign) :]
+            yield name, source[: match.start()] + other + source[match.end() :]
 
 
 def survives(path, source, tests):
@@ -57,9 +51,9 @@ def survives(path, source, tests):
 def main(words):
     """Run the mutants whose name contains one of the words, or all; return 1 if one survives."""
     survivors, count = [], 0
-    for path, functions in TARGETS.items():
-        tests = [f"tests/fbl_gym/test_{name}.py" for name in TESTS[Path(path).name]]
-        for name, source in mutants(path, functions):
+    for module, (functions, files) in TARGETS.items():
+        path, tests = f"fbl_gym/{module}.py", [f"tests/fbl_gym/test_{name}.py" for name in files.split()]
+        for name, source in mutants(path, functions.split()):
             if not words or any(word in name for word in words):
                 count += 1
                 if survives(path, source, tests):

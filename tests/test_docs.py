@@ -34,12 +34,11 @@ from benchmarks import cli
 from benchmarks.run.suite import load
 from controllers.registry import CATALOGUE
 from fbl_gym import scenarios
+from fbl_gym.records.record import declarations
 
 ROOT = Path(__file__).parents[1]
-PAGES = {
-    str(path.relative_to(ROOT)): path.read_text(encoding="utf-8")
-    for path in [*sorted(ROOT.glob("*.md")), *sorted((ROOT / "docs").rglob("*.md"))]
-}
+FILES = [*sorted(ROOT.glob("*.md")), *sorted((ROOT / "docs").rglob("*.md"))]
+PAGES = {str(path.relative_to(ROOT)): path.read_text(encoding="utf-8") for path in FILES}
 """Text of every page by its path."""
 
 NOTEBOOKS = sorted((ROOT / "docs" / "notebooks").glob("*.ipynb"))
@@ -66,17 +65,17 @@ class Block:
 
 
 FENCE = re.compile(r"^(?:<!-- not run: (.+) -->\n)?```(\S*).*\n((?:.*\n)*?)```$", flags=re.M)
-BLOCKS = {
-    page: [
-        Block(page, text.count("\n", 0, match.start(3)), match[2], match[3], match[1] or "")
-        for match in FENCE.finditer(text)
-    ]
-    for page, text in PAGES.items()
-}
+
+
+def block(page, text, match):
+    return Block(page, text.count("\n", 0, match.start(3)), match[2], match[3], match[1] or "")
+
+
+BLOCKS = {page: [block(page, text, match) for match in FENCE.finditer(text)] for page, text in PAGES.items()}
 
 
 def cells(path):
-    """Return the cells of a notebook that have code."""
+    """Yield the cells of a notebook that have code."""
     for number, cell in enumerate(json.loads(path.read_text(encoding="utf-8"))["cells"]):
         magic, text = re.fullmatch(r"(%.*\n)?([\s\S]*)", "".join(cell["source"])).groups()
         if cell["cell_type"] == "code" and ".toml" not in (magic or ""):
@@ -92,9 +91,8 @@ SHELL = [block for block in EVERY if block.language in ("sh", "bash")]
 def test_code_is_in_a_block_that_says_what_it_is(page):
     """So that no code hides from the tests below: as plain text, in an indented block, or under a new name."""
     assert len(re.findall(r"^[ >\t]*(?:```|~~~)", PAGES[page], flags=re.M)) == 2 * len(BLOCKS[page])
-    assert len(re.findall("^<!-- not run", PAGES[page], flags=re.M)) == sum(
-        bool(block.reason) for block in BLOCKS[page]
-    )
+    reasons = [block.reason for block in BLOCKS[page] if block.reason]
+    assert len(re.findall("^<!-- not run", PAGES[page], flags=re.M)) == len(reasons)
     for block in BLOCKS[page]:
         assert re.fullmatch(r"python|sh|bash|toml|text|csv|xml|bibtex|markdown|\{.*", block.language), block
         if block.language == "toml":
@@ -169,32 +167,8 @@ def test_commands_in_the_text_exist(page):
         assert find_spec(module), module
 
 
-SHORTER = {
-    "learn(150_000)": "learn(64)", "learn(300_000": "learn(64", 'device="cpu")': 'device="cpu", n_steps=64)',
-    "replace(duration=3.0)": "replace(duration=0.5)",
-    "range(10, 14)": "range(1)", "trial in range(400)": "trial in range(4)", '-practice", (1, 3))': '-practice", (3,))[:1]',
-    '"computed-torque-dob", "sliding-mode", "lqg"': "", "0 1 2 3 4 5 6 7 8 9": "0 1", "--minutes 0.667": "",
-    "--trials 10": "--trials 2", "board_coverage 512": "board_coverage 2", "30,25,20,15,10": "30,10",
-    " direct-practice geared-practice": "", " servo-practice-everything-3 direct-practice-noise-3": "",
-    "range(32), gains": "range(2), gains", "seeds=16": "seeds=2", "seeds=8": "seeds=2", "4096, 500": "16, 5",
-    "(0.0, 0.005, 0.01, 0.015, 0.02)": "(0.0, 0.01)", "in_tier(tier, severities)": "in_tier(tier, severities)[:1]",
-}  # fmt: skip
-"""What makes the code of a page and of an example short."""
-
-SHORT = {
-    "evaluate": "--seeds 2",
-    "leaderboard": "--seeds 1 --policies zero cascade-flm oracle-flm --scenarios servo-model-error-2 --workers 1",
-    "report": "--seeds 1 --policies zero cascade-flm oracle-flm --scenarios servo-model-error-2",
-    "sweep": "--seeds 1 --workers 1", "tune": "--trials 2 --seeds 1 --fresh-seeds 1 --candidates 1 --workers 1",
-    "examples/offline_data.py": "--episodes 2",
-    "examples/markov.py": "--lanes 4 --epochs 1",
-    "recommend": "--seeds 2 --trials 0 --policies pd-gravity computed-torque --workers 1",
-    "train": "--steps 40 --hyperparameters short.json", "reproduce": "--only figure-3a --short",
-    "benchmarks.speed": "--rounds 1",
-    "benchmarks.studies.sealed": "--seeds 1 --policies zero cascade-flm oracle-flm --workers 1",
-    "tests.board_coverage": "--of 1 --scenarios servo-nominal --workers 1",
-}  # fmt: skip
-"""Arguments that make a command short, without policies and scenarios where it names its own."""
+SHORTER, SHORT, ARGUMENTS, PRINTED = tomllib.loads((ROOT / "tests/shorter.toml").read_text(encoding="utf-8")).values()
+"""What makes code and commands of pages and examples short; arguments of examples, and what they print."""
 
 
 def shortened(text):
@@ -211,13 +185,11 @@ def run(program, first, *words):
     # Two scenarios of a board, and two policies of a table.
     words = re.sub(r"(--scenarios(?: (?!--)\S+){1,2})(?: (?!--)\S+)*", r"\1", " ".join(words)).split()
     own_suite = "--suite" in words and any(word.endswith(".toml") for word in words)
-    for option in re.findall(r"--.*?(?= --|$)", SHORT.get(name, "")):
-        if option.split()[0] not in ("--policies", "--scenarios") or not (own_suite or option.split()[0] in words):
-            words += option.split()
-    if "--trace" in words:  # a log has one run
-        words += ["--seeds", "1"]
-    if "--world" in words:  # two halves of the seeds
-        words += ["--seeds", "4"]
+    for option, *values in map(str.split, re.findall(r"--.*?(?= --|$)", SHORT.get(name, ""))):
+        if option not in ("--policies", "--scenarios") or not (own_suite or option in words):
+            words += [option, *values]
+    for option, seeds in (("--trace", "1"), ("--world", "4")):  # one run of a log, and two halves of the seeds
+        words += ["--seeds", seeds] if option in words else []
     if name == "evaluate" and "--scenario" in words and "--trace" not in words:  # episodes of two seconds
         place = words.index("--scenario") + 1
         Path("short.toml").write_text(f"base = {json.dumps(words[place])}\nduration = 2.0\n")
@@ -229,10 +201,11 @@ def run(program, first, *words):
         if module:
             package = find_spec(name).submodule_search_locations
             assert not importlib.import_module(f"{name}.__main__" if package else name).main()
-        else:
-            if name.startswith("examples/"):
-                Path("example.py").write_text(shortened((ROOT / name).read_text()))
-            runpy.run_path("example.py" if name.startswith("examples/") else name, run_name="__main__")
+            return
+        if name.startswith("examples/"):
+            name = Path(name).name
+            Path(name).write_text(shortened((ROOT / "examples" / name).read_text()))
+        runpy.run_path(name, run_name="__main__")
 
 
 @pytest.fixture
@@ -240,10 +213,8 @@ def folder(tmp_path, monkeypatch):
     """The current folder, from which Python imports, with hyperparameters of a short training."""
     monkeypatch.chdir(tmp_path)
     monkeypatch.syspath_prepend(tmp_path)
-    rest = {"learning_starts": 20, "buffer_size": 300}
-    each = dict.fromkeys(("sac", "td3", "tqc", "crossq"), rest) | {
-        "ppo": {"n_steps": 10, "batch_size": 40, "horizon": 0.5}
-    }
+    each = {name: {"learning_starts": 20, "buffer_size": 300} for name in ("sac", "td3", "tqc", "crossq")}
+    each |= {"ppo": {"n_steps": 10, "batch_size": 40, "horizon": 0.5}, "sb3-ppo": {"n_steps": 10, "batch_size": 20}}
     short = {name: {"lanes": 4, "steps": 40, "arguments": {"learning_rate": 1e-3} | each[name]} for name in each}
     Path("short.json").write_text(json.dumps(short))
     yield tmp_path
@@ -309,15 +280,6 @@ ELSEWHERE = {
 }  # fmt: skip
 """Examples that pages run, and `controllers/test_runner.py`."""
 
-ARGUMENTS = {
-    "offline_data": "pd-gravity data.npz", "wrong_datasheet": "geared zero", "adjust_gains": "servo pd-gravity",
-    "markov": "nominal", "ppo_batch": "--updates 2 --lanes 8 --steps 510 --epochs 1",  # beyond the end of an episode
-}  # fmt: skip
-PRINTED = {
-    "adjust_gains": r"pd-gravity: \d+ degrees, [\d.]+ samples, error [\d.]+ %",
-    "ppo_batch": r"8,160 steps .* error [1-9]\d{0,3}(\.\d+)? mrad, ([12]?\d|3[0-2]) of 32",
-}
-
 
 @pytest.mark.parametrize("name", [name for name in EXAMPLES if name not in ELSEWHERE])
 @pytest.mark.usefixtures("folder")
@@ -363,14 +325,10 @@ def anchors(page):
 def test_links_of_a_page_lead_somewhere(page):
     """Links within the repository lead to a file, and to a heading of it."""
     text = re.sub(r"```.*?```|`[^`\n]*`", "", PAGES[page], flags=re.S)
-    for link in re.findall(r"\]\(([^)\s]+)\)", text):
-        if link.startswith(("http:", "https:")):
-            continue
-        path, _, anchor = link.partition("#")
+    for path, anchor in re.findall(r"\]\((?!https?:)([^)#\s]*)#?([^)\s]*)\)", text):
         target = (ROOT / page).parent / path if path else ROOT / page
-        assert target.exists(), f"{link} in {page}"
-        if anchor:
-            assert anchor in anchors(str(target.resolve().relative_to(ROOT))), f"{link} in {page}"
+        assert target.exists(), path
+        assert not anchor or anchor in anchors(str(target.resolve().relative_to(ROOT))), anchor
 
 
 def test_each_path_of_the_index_is_a_chain_of_pages():
@@ -401,17 +359,13 @@ def test_the_documentation_builds_without_a_warning(tmp_path):
 # Fields.
 
 
-RECORDS = [
-    thing
-    for name in fbl_gym.__all__
-    if isinstance(thing := getattr(fbl_gym, name), type) and dataclasses.is_dataclass(thing)
-]
+PUBLIC = [getattr(fbl_gym, name) for name in fbl_gym.__all__]
+RECORDS = [thing for thing in PUBLIC if isinstance(thing, type) and dataclasses.is_dataclass(thing)]
 
 
 def test_every_law_is_named_on_a_page():
-    pages = " ".join(path.read_text() for path in (ROOT / "docs/reference/controllers").glob("*.md"))
-    words = set(re.findall(r"[\w-]+", pages))
-    assert {*CATALOGUE} - words <= {"zero"}
+    pages = " ".join(text for page, text in PAGES.items() if page.startswith("docs/reference/controllers/"))
+    assert {*CATALOGUE}.difference(re.findall(r"[\w-]+", pages)) <= {"zero"}
 
 
 LAWS = [controllers.factory(name) for name in controllers.names() if controllers.kind(name) == "classical"]
@@ -422,3 +376,5 @@ def test_every_option_of_a_record_and_gain_of_a_law_is_documented(record):
     text = "\n".join(inspect.getdoc(base) or "" for base in record.__mro__[:-1])
     for field in dataclasses.fields(record):
         assert re.search(rf"^ *(\w+, )*{field.name}(, \w+)*:", text, flags=re.M), field.name
+    for gain, declaration in declarations(record).items() if record in LAWS else ():
+        assert declaration.unit == "" or f"[{declaration.unit}]" in text, gain

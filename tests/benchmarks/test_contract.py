@@ -6,27 +6,24 @@ import sys
 import pytest
 
 from benchmarks.policies.spec import resolve
+from benchmarks.run.cell import Cell
 from benchmarks.run.contract import check
+from benchmarks.run.runner import run_cell
 from benchmarks.run.store import Store
 from fbl_gym import TwoLinkArmEnv
 
-SOME = ["--policies", "zero", "pid-flm", "cascade-flm", "oracle-flm"]
-
 
 def test_verify_command(tmp_path, fbl_gym):
-    same = ["--workers", "1", "--seeds", "2", "--scenarios", "noise-1", "--store", str(tmp_path)]
-    fbl_gym(["leaderboard", *SOME, *same])
+    store, published = Store(tmp_path), run_cell(Cell("pid-flm", "noise-1", (0, 1)))
+    path = store.save(published)
     shown = fbl_gym(f"verify pid-flm/noise-1 --store {tmp_path}").out
     assert "pid-flm/noise-1, 2 seeds: holds, bit for bit" in shown
-    store = Store(tmp_path)
-    (path,) = [p for p in store.files() if p.name.startswith("pid-flm")]
-    published = store.load(path)
     forged = ({**published.rows[0], "error_pct": 0.001}, *published.rows[1:])
     store.save(dataclasses.replace(published, rows=forged))
-    shown = fbl_gym(["verify", str(path)], 1).out
+    shown = fbl_gym(f"verify {path}", 1).out
     assert "DIFFERS: error_pct by up to" in shown
     assert "the policy keeps every promise that check-policy checks" in shown
-    assert "did you mean 'pid-flm/noise-1'" in fbl_gym(["verify", "pid-flm/noise-2", "--store", str(tmp_path)], 2).err
+    assert "did you mean 'pid-flm/noise-1'" in fbl_gym(f"verify pid-flm/noise-2 --store {tmp_path}", 2).err
 
 
 CHEAT = """
@@ -43,9 +40,8 @@ class make_policy:
 
 def test_broken_promises_are_found(tmp_path, fbl_gym):
     """It keeps its state in itself, acts outside the box, and changes what it is given."""
-    file = tmp_path / "cheat.py"
-    file.write_text(CHEAT)
-    shown = fbl_gym(["check-policy", str(file)], 1).out
+    (tmp_path / "cheat.py").write_text(CHEAT)
+    shown = fbl_gym(f"check-policy {tmp_path}/cheat.py", 1).out
     assert "BROKEN  actions have the observations' shape, are finite and lie in the box" in shown
     assert "BROKEN  predict is a function" in shown
 
@@ -59,9 +55,8 @@ class make_policy(PdGravity):
 
 
 def test_a_mistake_is_said_with_its_line(folder, fbl_gym):
-    file = folder / "forgetful.py"
-    file.write_text(FORGETFUL)
-    shown = fbl_gym(["check-policy", "forgetful.py"], 1).out
+    (folder / "forgetful.py").write_text(FORGETFUL)
+    shown = fbl_gym("check-policy forgetful.py", 1).out
     assert shown.count("NameError: name 'gain' is not defined (forgetful.py:5)") == shown.count("BROKEN") == 6
     assert "breaks 6 promises" in shown
 
@@ -102,11 +97,10 @@ class make_policy:
 
 
 def test_a_policy_may_amplify_last_bits_by_its_own_actions(folder, fbl_gym):
-    (folder / "unstable.py").write_text(UNSTABLE.replace("MEMORY", "was"))
+    mixed = "(0 * was + np.atleast_2d(observation)[:, :2].mean(axis=0))"
+    for name, memory in (("unstable", "was"), ("mixing", mixed)):
+        (folder / f"{name}.py").write_text(UNSTABLE.replace("MEMORY", memory))
     fbl_gym("check-policy unstable.py --scenario servo-nominal")
-    (folder / "mixing.py").write_text(
-        UNSTABLE.replace("MEMORY", "(0 * was + np.atleast_2d(observation)[:, :2].mean(axis=0))")
-    )
     assert "BROKEN  a lane of a batch acts as" in fbl_gym("check-policy mixing.py --scenario servo-nominal", 1).out
 
 

@@ -3,6 +3,7 @@
 import contextlib
 import os
 import pickle
+import re
 import subprocess
 import sys
 import time
@@ -40,12 +41,11 @@ def make_policy(interface):
 def test_a_policy_that_patches_the_package_changes_no_other_row(tmp_path):
     """Its prints and what it reads stay with it."""
     (tmp_path / "patches.py").write_text(PATCHES)
-    clean = Cell("pd-gravity", "noise-1", (0, 1))
-    truth, store = run_cell(clean), Store(tmp_path / "store")
-    cells = [Cell(resolve(str(tmp_path / "patches.py")), "noise-1", (0, 1)), clean]
-    assert [result.error for _, result in run(cells, store, workers=1)] == ["", ""]
+    cells = [Cell(policy, "noise-1", (0, 1)) for policy in (str(tmp_path / "patches.py"), "pd-gravity")]
+    truth, results = run_cell(cells[1]), [result for _, result in run(cells, Store(tmp_path / "store"), workers=1)]
+    assert [result.error for result in results] == ["", ""]
     assert np.geterr()["divide"] == "warn"
-    assert store.find(clean).rows[0]["error_pct"] == truth.rows[0]["error_pct"]
+    assert truth.rows[0]["error_pct"] in [result.rows[0]["error_pct"] for result in results]
 
 
 LAW = """from controllers.laws.simple import Zero
@@ -71,10 +71,10 @@ FAILS = {
 }  # fmt: skip
 
 
-@pytest.mark.parametrize(
-    ("command", "law"),
-    [("evaluate zero", "exits"), ("margins", "leaves"), ("check-policy", "leaves"), ("check-policy", "lacks")],
-)
+OTHERS = [("evaluate zero", "exits"), ("margins", "leaves"), ("check-policy", "leaves"), ("check-policy", "lacks")]
+
+
+@pytest.mark.parametrize(("command", "law"), OTHERS)
 def test_a_bad_policy_is_one_line_of_other_commands_too(command, law, folder, capfd):
     """Its code runs in another process, so it cannot end this one without a word."""
     head, body, reason = BAD[law]
@@ -90,11 +90,10 @@ def test_a_process_that_changes_its_folder_runs_the_policies_of_the_new_one(tmp_
     """The workers of the first board are still there when the second one starts."""
     digests = set()
     for law in ("Zero", "PdGravity"):
-        folder = tmp_path / law
-        folder.mkdir()
-        (folder / "law.py").write_text(f"from controllers.laws.simple import {law} as make_policy\n")
-        monkeypatch.chdir(folder)
-        ((done, result),) = run([Cell("law.py", "nominal", (0,))], Store(folder / "store"), workers=2)
+        (tmp_path / law).mkdir()
+        monkeypatch.chdir(tmp_path / law)
+        Path("law.py").write_text(f"from controllers.laws.simple import {law} as make_policy\n")
+        ((done, result),) = run([Cell("law.py", "nominal", (0,))], Store(tmp_path / law / "store"), workers=2)
         assert (done, result.error) == ("computed", "")
         digests.add(resolve("law.py").code[""])
     assert len(digests) == 2
@@ -107,8 +106,8 @@ def test_no_bad_policy_stops_the_board(tmp_path):
         (tmp_path / f"{name}.py").write_text(LAW.format(WORKS))
     for name, (head, body, _) in FAILS.items():
         (tmp_path / f"{name}.py").write_text(head + LAW.format(body))
-    policies = [f"{name}.py" for name in (*NAMES, *FAILS)]
-    same = ["--policies", "zero", *policies, "--scenarios", "nominal", "--seeds", "1", "--store", "store"]
+    policies = (f"{name}.py" for name in (*NAMES, *FAILS))
+    same = *["--scenarios", "nominal", "--seeds", "1", "--store", "store", "--policies", "zero"], *policies
 
     def fbl_gym(*words):
         line = [sys.executable, "-m", "fbl_gym", *words]
@@ -152,11 +151,9 @@ def test_a_policy_that_hangs_is_a_failed_cell(how, tmp_path):
     """While it runs, and while it is loaded. The next call has a server that works."""
     (tmp_path / "hangs.py").write_text(LAW.format(HANGS[how]))
     (tmp_path / "loading.py").write_text("import time\ntime.sleep(600)\n")
-    hangs = Cell(resolve(str(tmp_path / "hangs.py")), "nominal", (0,))
     limits = CallLimits(seconds=1.0)
-    assert run_cell(hangs, limits=limits).error == LATE
-    loading = resolve(str(tmp_path / "loading.py"), limits)
-    assert loading.problem == f"{LATE}, while it was loaded"
+    assert run_cell(Cell(str(tmp_path / "hangs.py"), "nominal", (0,)), limits=limits).error == LATE
+    assert resolve(str(tmp_path / "loading.py"), limits).problem == f"{LATE}, while it was loaded"
 
 
 def leave_group():
@@ -173,13 +170,10 @@ def test_a_call_stays_in_its_group_and_shows_the_first_of_its_prints(capfd):
     with pytest.raises(Failed, match="PermissionError"):
         run_isolated(leave_group)
     assert run_isolated(print_much) == "answer"
-    shown = capfd.readouterr().err
-    assert shown.startswith("\\u001b[2Jxxx")
-    assert shown.endswith("xxx ...\n")
-    assert len(shown) < 21_000
+    assert re.fullmatch(r"\\u001b\[2Jx{9000,20000} \.\.\.\n", capfd.readouterr().err)
 
 
-def start_and_hang(_):
+def start_and_hang():
     """Start a process that holds all pipes and never ends, as a careless policy may."""
     os.fork()
     time.sleep(600)
@@ -194,19 +188,14 @@ def answer_and_leave(flag):
 
 
 @pytest.mark.skipif(not sys.platform.startswith("linux"), reason="reads /proc")
-@pytest.mark.parametrize("function", [start_and_hang, answer_and_leave])
-def test_the_processes_of_a_call_end_with_it(function, tmp_path):
+def test_the_processes_of_a_call_end_with_it(tmp_path):
     """At its limit of time, too, though a grandchild holds the standard output."""
     begin = time.monotonic()
-    arguments = (function, str(tmp_path / "flag"))
-    if function is answer_and_leave:
-        assert run_isolated(*arguments) == "answer"
-        time.sleep(0.5)
-        status = Path("/proc", (tmp_path / "flag").read_text(), "stat")
-        assert not status.exists() or status.read_text().rpartition(") ")[2].startswith("Z")
-    else:
-        with pytest.raises(Failed, match="it took longer than 2 s"):
-            run_isolated(*arguments, limits=CallLimits(seconds=2.0))
+    assert run_isolated(answer_and_leave, str(tmp_path / "flag")) == "answer"
+    with pytest.raises(Failed, match="it took longer than 2 s"):
+        run_isolated(start_and_hang, limits=CallLimits(seconds=2.0))
+    status = Path("/proc", (tmp_path / "flag").read_text(), "stat")
+    assert not status.exists() or status.read_text().rpartition(") ")[2].startswith("Z")
     assert time.monotonic() - begin < 60  # of 600 s that the processes sleep
 
 
@@ -235,10 +224,8 @@ def test_no_standard_module_is_imported_from_the_current_folder(tmp_path):
     for name in ("signal", "select", "pickle", "multiprocessing", "tempfile"):
         (tmp_path / f"{name}.py").write_text(f"open({str(tmp_path / 'ran')!r}, 'w').close()\nraise SystemExit\n")
     (tmp_path / "law.py").write_text(LAW.format(WORKS))
-    code = (
-        "import sys; from benchmarks import cli; "
-        "sys.exit(cli.main('leaderboard --policies zero law.py --scenarios nominal noise-1 --seeds 1 --workers 2'.split()))"
-    )
+    line = "leaderboard --policies zero law.py --scenarios nominal noise-1 --seeds 1 --workers 2"
+    code = f"import sys; from benchmarks import cli; sys.exit(cli.main({line.split()}))"
     done = subprocess.run([sys.executable, "-P", "-c", code], capture_output=True, text=True, cwd=tmp_path)
     assert done.returncode == 0, done.stderr
     assert not (tmp_path / "ran").exists()
@@ -349,8 +336,7 @@ def test_a_result_that_names_code_is_verified_only_with_trust(name, flag, fbl_gy
     flag.unlink()
     shown = fbl_gym(f"verify {path} --store store", 2).err
     assert f"names {name}, whose code would be run; give --trust if you trust it" in shown
-    assert len(list(store.results())) == 1
-    assert not flag.exists()
+    assert (len(list(store.results())), flag.exists()) == (1, False)
     fbl_gym(f"verify {path} --store store --trust")
     assert flag.exists()
 
@@ -359,14 +345,12 @@ def test_a_result_that_names_code_is_verified_only_with_trust(name, flag, fbl_gy
 def test_a_suite_that_names_code_runs_only_with_trust(named, status, flag, fbl_gym):
     """Trust covers archives too; this one is then refused for its content."""
     (flag.parent / "a.zip").write_bytes(b"PK")
-    suite = f'policies = ["zero", "{named}"]\nscenarios = ["nominal"]\nseeds = 1\n'
-    (flag.parent / "mine.toml").write_text(suite)
+    (flag.parent / "mine.toml").write_text(f'policies = ["zero", "{named}"]\nscenarios = ["nominal"]\nseeds = 1\n')
     line = "leaderboard --suite mine.toml --store store --workers 1"
     assert f"mine.toml names {named}, whose code would be run; give --trust" in fbl_gym(line, 2).err
     assert not flag.exists()
     shown = " ".join(fbl_gym(f"{line} --trust", status).out.split())
-    assert flag.exists() == (status == 0)
-    assert ("a.zip must be an archive" in shown) == (status == 1)
+    assert (flag.exists(), "a.zip must be an archive" in shown) == (status == 0, status == 1)
 
 
 FILES = {
@@ -388,11 +372,11 @@ def test_a_broken_plugin_is_named_and_the_rest_works(tmp_path):
         return subprocess.run([sys.executable, "-c", code, *line.split()], capture_output=True, text=True, cwd=tmp_path)
 
     lines = {line.split()[0]: line for line in fbl_gym("list policies").stdout.splitlines()}
-    assert "cannot be loaded: ImportError: my dependency is missing" in lines["broken"]
-    assert "access: none" in lines["works"]
-    assert "trained on everything-2" in lines["td3"]
+    missing = "ImportError: my dependency is missing"
+    shown = {"broken": f"cannot be loaded: {missing}", "works": "access: none", "td3": "trained on everything-2"}
+    assert all(text in lines[name] for name, text in shown.items())
     board = fbl_gym("leaderboard --policies zero broken works --scenarios nominal --seeds 1 --workers 1")
-    assert "Left out: broken: ImportError: my dependency is missing" in board.stdout
+    assert f"Left out: broken: {missing}" in board.stdout
     assert " works " in board.stdout
     assert "Traceback" not in board.stderr
 

@@ -40,8 +40,7 @@ def test_the_ending_gives_the_format_and_a_width_leaves_out_the_title(width, lab
     assert ">error [%]</text>" in svg
     assert (">the title</text>" in svg) == (width is None)
     with Image.open(tmp_path / "figure.png") as picture:
-        assert picture.width == round(300 * plot.WIDTHS[width or 2])
-        assert picture.info["Title"] == "the title"
+        assert (picture.width, picture.info["Title"]) == (round(300 * plot.WIDTHS[width or 2]), "the title")
 
 
 @pytest.mark.parametrize(("low", "labels"), [(0.2, "0.2 0.3 0.5 1"), (0.02, "0.03 0.1 0.3 1"), (1e-4, "0.0001 0.001")])

@@ -49,8 +49,7 @@ def test_every_reader_refuses_what_is_no_regular_file(name):
 
 @pytest.mark.parametrize("pack", [bytes, gzip.compress])
 def test_a_file_is_bounded_after_unpacking_too(pack, folder):
-    path = folder / ("a.gz" if pack is gzip.compress else "a")
-    path.write_bytes(pack(bytes(1000)))
+    (path := folder / ("a.gz" if pack is gzip.compress else "a")).write_bytes(pack(bytes(1000)))
     assert reading.read_bytes(path, 1000) == bytes(1000)
     with pytest.raises(ValueError, match=r"must have at most 0\.000999 MB"):
         reading.read_bytes(path, 999)

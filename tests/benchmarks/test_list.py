@@ -11,16 +11,14 @@ from fbl_gym import Scenario
 
 
 def test_each_option_is_shown_with_its_unit():
-    task = Scenario(
-        friction={"viscous": (1.0, 0.5), "coulomb": {"uniform": [1, 2]}},
-        actuator={"delay_samples": {"choice": [0, 2]}},
-        events=[{"kind": "knock", "time": 1.0, "impulse": (3, 1)}],
-    )
+    events = [{"kind": "knock", "time": 1.0, "impulse": (3, 1)}]
+    friction = {"viscous": (1.0, 0.5), "coulomb": {"uniform": [1, 2]}}
+    task = Scenario(friction=friction, actuator={"delay_samples": {"choice": [0, 2]}}, events=events)
     shown = dict(options(task))
-    assert shown["friction.viscous [N m s/rad]"] == "1; 0.5"
-    assert shown["friction.coulomb [N m]"] == "1 to 2, uniform"
-    assert shown["actuator.delay_samples"] == "one of 0, 2"
-    assert shown["events[0]: knock, impulse [N m s]"] == "3; 1"
+    assert shown.items() >= {
+        "friction.viscous [N m s/rad]": "1; 0.5", "friction.coulomb [N m]": "1 to 2, uniform",
+        "actuator.delay_samples": "one of 0, 2", "events[0]: knock, impulse [N m s]": "3; 1",
+    }.items()  # fmt: skip
     assert not any(name.startswith(("joint", "noise")) for name in shown)
 
 
@@ -32,8 +30,8 @@ def test_what_follows_is_right():
     assert facts["dead time"] == "5 ms"
     drive, encoder = {"delay_samples": 1, "delay": 0.002, "lag": 0.004}, {"difference": 1, "latency": 1}
     late = Scenario(actuator=drive, encoder=encoder)
-    assert follows(late)["dead time"] == "36 ms"
-    assert follows(late)["delay of a command: delay, delay_samples, jitter"] == "12 ms"
+    names = ("dead time", "delay of a command: delay, delay_samples, jitter")
+    assert [follows(late)[name] for name in names] == ["36 ms", "12 ms"]
     flat = Scenario(arm={"gravity": 0.0}, friction={"coulomb": {"uniform": (1, 20)}})
     assert follows(flat)["largest Coulomb friction"] == "1, 2.5 % of the limit"
     assert "torque limit / weight" not in follows(flat)

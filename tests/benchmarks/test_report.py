@@ -7,19 +7,17 @@ import pytest
 
 from benchmarks.run.metrics import METRICS
 
-SOME = ["--policies", "zero", "pid-flm", "cascade-flm", "oracle-flm"]
 FEW = "--policies zero --seeds 1 --scenarios nominal"
 
 
 def test_the_report_has_every_run_and_the_accesses(tmp_path, fbl_gym):
-    store, out = tmp_path / "store", tmp_path / "out"
-    same = [*SOME, "--seeds", "3", "--scenarios", "nominal", "--store", str(store)]
-    shown = fbl_gym(["leaderboard", *same, "--workers", "1"]).out.replace("\n", "")
+    store, out, readme = (tmp_path / name for name in ("store", "out", "README.md"))
+    same = f"--policies zero pid-flm cascade-flm oracle-flm --seeds 3 --scenarios nominal --store {store}"
+    shown = fbl_gym(f"leaderboard {same} --workers 1").out.replace("\n", "")
     assert all(text in shown for text in ("1 scenario, 3 seeds each", "cascade-flm", "(oracle-flm)", "a page of them"))
     assert not list(store.glob(".*"))
-    readme = tmp_path / "README.md"
     readme.write_text("before\n<!-- leaderboard -->\nold\n<!-- /leaderboard -->\nafter\n")
-    fbl_gym(["report", *same, "--out", str(out), "--readme", str(readme)])
+    fbl_gym(f"report {same} --out {out} --readme {readme}")
     table = (out / "board.md").read_text()
     assert table.startswith("| policy | rank | error % | lost runs % | × oracle |")
     before, _, rest = readme.read_text().partition("<!-- leaderboard -->\n")
@@ -28,17 +26,15 @@ def test_the_report_has_every_run_and_the_accesses(tmp_path, fbl_gym):
     header, _, first, *_ = short.splitlines()
     assert header == "| rank | servo |"
     assert re.fullmatch(r"\| 1 \| `[\w-]+` [\d.]+ % \|", first)
-    page = (tmp_path / "docs" / "results" / "board.md").read_text()
-    assert [line for line in page.splitlines() if "cascade-flm" in line]
-    picture = (tmp_path / "docs" / "pictures" / "errors.svg").read_text()
+    page, picture = ((tmp_path / "docs" / name).read_text() for name in ("results/board.md", "pictures/errors.svg"))
+    assert "cascade-flm" in page
     assert "cascade-flm<" in picture  # a dot for each ranked policy
     assert "oracle-flm<" not in picture
     page = (out / "board.html").read_text()
     assert "cascade-flm" in page
     assert "src=" not in page.partition("<body")[0].replace("data:", "")
     runs = list(csv.DictReader((out / "board.csv").read_text().splitlines()))
-    assert len(runs) == 12
-    assert len({run["policy"] for run in runs}) == 4
+    assert (len(runs), len({run["policy"] for run in runs})) == (12, 4)
     assert set(runs[0]) == {"policy", "scenario", "control_dt", "seed", *METRICS}
 
 

@@ -4,7 +4,7 @@ import dataclasses
 
 import numpy as np
 import pytest
-from scipy import stats
+from scipy import signal, stats
 
 from benchmarks.analysis import statistics
 from benchmarks.run.metrics import METRICS, WORST_ERROR, amplitude, departure, errors, measure, summarize
@@ -17,14 +17,11 @@ def trace(position, reference, *, torque=None, command=None, alive=None, scenari
     position, reference = np.asarray(position, float)[:, None], np.asarray(reference, float)[:, None]
     n, zero = len(position), np.zeros_like(position)
     scenario = scenario or Scenario(duration=0.01 * (n - 1), reference=MinimumJerk())
-    torques = {
-        name: zero if given is None else np.asarray(given, float)[:, None]
-        for name, given in (("command", command), ("torque", torque))
-    }
+    command, torque = (zero if given is None else np.asarray(given)[:, None] for given in (command, torque))
     return Trace(
         scenario=scenario, seeds=(7,), time=scenario.control_dt * np.arange(n), position=position, velocity=zero.copy(),
         reference=reference, disturbance=zero, alive=np.ones((n, 1), bool) if alive is None else alive[:, None],
-        decision_time=1e-6, **torques,
+        decision_time=1e-6, command=command, torque=torque,
     )  # fmt: skip
 
 
@@ -41,9 +38,7 @@ def test_tracking_error():
     assert row["error_pct"] == pytest.approx(100 * 100 / 101 * 0.04 / 1.0)  # half of the range is 1 rad
     assert row["resolution_pct"] == pytest.approx(100 * 2 * np.pi / 2**20)
     assert row["rms_mrad"] == pytest.approx(1e3 * np.sqrt(100 / 101 * (0.02**2 + 0.06**2) / 2))
-    assert row["max_mrad"] == pytest.approx(60.0)
-    assert row["diverged"] == 0.0
-    assert list(row) == list(METRICS)
+    assert (row["max_mrad"], row["diverged"], list(row)) == (pytest.approx(60.0), 0.0, list(METRICS))
     assert all(METRICS.values())  # each has a meaning
 
 
@@ -72,9 +67,7 @@ def test_integral_criteria():
     """An error of 0.2 and 0.4 rad over 1 s."""
     reference = ramp(101)
     (row,) = measure(trace(reference - [0.2, 0.4], reference))
-    assert row["iae"] == pytest.approx(0.3)
-    assert row["itae"] == pytest.approx(0.3 * 0.505)
-    assert row["ise"] == pytest.approx((0.04 + 0.16) / 2)
+    assert [row[name] for name in ("iae", "itae", "ise")] == pytest.approx([0.3, 0.3 * 0.505, (0.04 + 0.16) / 2])
 
 
 def test_violation():
@@ -94,20 +87,18 @@ def test_recovery():
     error = np.where((t > 2.0) & (t < 2.3 - 1e-9), 0.11, 0.01) + np.where(t > 4.0, 0.05, 0.0)
     scenario = Scenario(duration=6.0, reference=MinimumJerk())
     found = trace(-np.c_[error, error], np.zeros((601, 2)), scenario=scenario)
+    names = ("recovery_rad_s", "recovery_s", "unrecovered_pct")
     (row,) = measure(dataclasses.replace(found, event_times=np.array([[2.0, 4.0]])))
-    assert row["recovery_rad_s"] == pytest.approx((0.1 * 0.29 + 0.05 * 2.0) / 2)
-    assert row["recovery_s"] == pytest.approx((0.29 + 2.0) / 2)
-    assert row["unrecovered_pct"] == 50.0
+    expected = (0.1 * 0.29 + 0.05 * 2.0) / 2, (0.29 + 2.0) / 2, 50.0
+    assert [row[name] for name in names] == pytest.approx(expected)
     # An event without effect has no area, although the error of a moving arm swings.
     swing = 0.01 + 0.005 * np.sin(20 * t)
     found = trace(np.c_[swing, swing], np.zeros((601, 2)), scenario=scenario)
     (row,) = measure(dataclasses.replace(found, event_times=np.array([[3.0]])))
-    assert row["recovery_rad_s"] == pytest.approx(0.0, abs=1e-5)
-    assert (row["recovery_s"], row["unrecovered_pct"]) == (0.0, 0.0)
+    assert [row[name] for name in names] == [pytest.approx(0.0, abs=1e-5), 0.0, 0.0]
     dead = dataclasses.replace(found, event_times=np.array([[3.0]]), alive=(t < 4.0)[:, None])
     for other in (found, dead):  # no event, or the run diverged
-        (row,) = measure(other)
-        assert all(np.isnan(row[name]) for name in ("recovery_rad_s", "recovery_s", "unrecovered_pct"))
+        assert np.isnan([measure(other)[0][name] for name in names]).all()
 
 
 def test_event_times_are_those_of_each_lane():
@@ -124,15 +115,12 @@ def test_a_diverged_run_counts_with_the_worst_error():
     alive = np.arange(101) < 51
     found = trace(reference, reference, alive=alive)
     assert np.all(errors(found)[51:] == WORST_ERROR)
-    assert measure(trace(reference + 100.0, reference))[0]["max_mrad"] == pytest.approx(
-        1e3 * np.pi
-    )  # half a turn at most
-    (row,) = measure(found)
-    assert row["diverged"] == 1.0
-    assert row["error_mrad"] == pytest.approx(1e3 * np.pi * 50 / 101)
-    good = measure(trace(reference, reference))
-    assert summarize([row, *good])["error_mrad"] == pytest.approx(row["error_mrad"] / 2)
-    assert summarize([row, *good])["diverged"] == 0.5
+    (far,) = measure(trace(reference + 100.0, reference))
+    assert far["max_mrad"] == pytest.approx(1e3 * np.pi)  # half a turn at most
+    (row,), good = measure(found), measure(trace(reference, reference))
+    for runs, share in (([row], 1.0), ([row, *good], 0.5)):
+        mean = summarize(runs)
+        assert (mean["diverged"], mean["error_mrad"]) == (share, pytest.approx(share * 1e3 * np.pi * 50 / 101))
 
 
 def test_steady_state_is_measured_in_the_last_quarter_of_a_rest():
@@ -152,8 +140,7 @@ def test_step_response_of_a_known_second_order_system():
     """Damping 0.5, frequency 10 rad/s: overshoot exp(-pi z / sqrt(1 - z^2)) = 16.3 %, settling where it enters 2 %."""
     z, w, dt, n = 0.5, 10.0, 1e-3, 3000
     t = dt * np.arange(n + 1)
-    wd = w * np.sqrt(1 - z * z)
-    response = 1 - np.exp(-z * w * t) * (np.cos(wd * t) + z / np.sqrt(1 - z * z) * np.sin(wd * t))
+    response = signal.step(([w**2], [1, 2 * z * w, w**2]), T=t)[1]
     steps = Steps(points=((0, 0), (1, 1)), period=3.0)
     scenario = Scenario(reference=steps, duration=3.0, control_dt=dt, physics_dt=dt)
     (row,) = measure(trace(np.c_[response, response], np.ones((n + 1, 2)), scenario=scenario))
@@ -162,8 +149,7 @@ def test_step_response_of_a_known_second_order_system():
     assert row["settling_s"] == pytest.approx(settled, abs=1.5e-3)
     assert row["rise_s"] == pytest.approx(0.1637, abs=1e-3)  # 1.637 / w for this damping
     (other,) = measure(trace(ramp(50), ramp(50)))
-    assert np.isnan(other["overshoot_pct"])
-    assert np.isnan([other["settling_s"], other["rise_s"]]).all()
+    assert np.isnan([other[name] for name in ("overshoot_pct", "settling_s", "rise_s")]).all()
 
 
 def test_effort():
@@ -199,13 +185,10 @@ def test_means_are_those_of_the_runs_drawn_again(n):
 
 
 def test_resamples_draw_n_of_n_and_repeat_with_their_seed():
-    counts = statistics.resample(50, 3, resamples=1200)
-    assert counts.shape == (1201, 50)
-    assert np.all(counts.sum(axis=-1) == 50)
-    np.testing.assert_array_equal(counts, statistics.resample(50, 3, resamples=1200))
-    # Multinomial: each seed once on average, with variance 1 - 1/n.
-    assert counts.mean() == 1.0
-    assert counts[1:].var() == pytest.approx(1 - 1 / 50, rel=0.03)
+    counts, again = (statistics.resample(50, 3, resamples=1200) for _ in range(2))
+    np.testing.assert_array_equal(counts, again)
+    np.testing.assert_array_equal(counts.sum(axis=-1), np.full(1201, 50))
+    assert counts[1:].var() == pytest.approx(1 - 1 / 50, rel=0.03)  # multinomial
 
 
 def test_intervals_agree_with_scipy():
@@ -216,8 +199,7 @@ def test_intervals_agree_with_scipy():
     expected = stats.bootstrap(list(x), lambda *rows: stats.gmean(np.stack(rows), axis=None), **options)
     width = found.high - found.low
     assert found.value == pytest.approx(stats.gmean(x, axis=None))
-    assert found.low == pytest.approx(expected.confidence_interval.low, abs=0.06 * width)
-    assert found.high == pytest.approx(expected.confidence_interval.high, abs=0.06 * width)
+    assert (found.low, found.high) == pytest.approx(tuple(expected.confidence_interval), abs=0.06 * width)
 
 
 def test_whole_seeds_cover_where_scenarios_share_them():
@@ -228,19 +210,15 @@ def test_whole_seeds_cover_where_scenarios_share_them():
         return np.exp(0.5 * rng.standard_normal(n) + 0.3 * rng.standard_normal((4, n)))
 
     truth = np.exp(np.log(benchmark(200_000)).mean())
-    covered = 0
-    for k in range(200):
-        found = statistics.interval(statistics.geometric_mean(benchmark(60), statistics.resample(60, k, resamples=300)))
-        covered += found.low <= truth <= found.high
-    assert 0.90 <= covered / 200 <= 0.99  # 95 % says the interval
+    counts = (statistics.resample(60, k, resamples=300) for k in range(200))
+    found = [statistics.interval(statistics.geometric_mean(benchmark(60), each)) for each in counts]
+    assert 0.90 <= np.mean([each.low <= truth <= each.high for each in found]) <= 0.99  # 95 % says the interval
 
 
 def test_wins_are_counted_on_the_same_seed():
-    a = runs(2, 30)
-    counts = statistics.resample(30, 0)
-    assert np.all(statistics.wins(a, a + 1e-9, counts) == 1.0)
-    assert np.all(statistics.wins(a, a, counts) == 0.5)
-    b = runs(2, 30, seed=1)
+    a, b, counts = runs(2, 30), runs(2, 30, seed=1), statistics.resample(30, 0)
+    for other, share in ((a + 1e-9, 1.0), (a, 0.5)):
+        assert np.all(statistics.wins(a, other, counts) == share)
     assert statistics.wins(a, b, counts)[0] == pytest.approx(np.mean(a < b))
 
 
@@ -249,10 +227,8 @@ def test_ranks():
     draws = statistics.geometric_mean(x, statistics.resample(50, 0))
     found = statistics.ranks(draws)
     assert (found.low[1], found.value[1], found.high[1]) == (4.0, 4.0, 4.0)
-    assert (found.low[2], found.high[2]) == (1.0, 3.0)
-    np.testing.assert_array_equal(found.value[[0, 3]], found.value[[3, 0]])
-    order = [sorted(row).index(row[2]) + 1 for row in draws[1:]]
-    assert found.value[2] == np.median(order)
+    assert (found.low[2], found.high[2], found.value[0]) == (1.0, 3.0, found.value[3])
+    assert found.value[2] == np.median([sorted(row).index(row[2]) + 1 for row in draws[1:]])
 
 
 def test_tail_mean():

@@ -7,6 +7,7 @@ import subprocess
 import sys
 import time
 from pathlib import Path
+from unittest.mock import Mock
 
 import numpy as np
 import pytest
@@ -49,8 +50,7 @@ def test_a_finished_cell_is_found_and_not_run_again(tmp_path, monkeypatch):
 
 def test_the_result_of_a_relative_path_is_listed(folder):
     Path("law.py").write_text("from controllers import Zero as make_policy\n")
-    store = Store(folder / "store")
-    assert not store.path(cells(["./law.py"], families=["noise-1"])[0]).name.startswith(".")
+    assert not Store(folder).path(cells(["./law.py"], families=["noise-1"])[0]).name.startswith(".")
 
 
 def test_a_stored_result_is_what_was_measured(tmp_path):
@@ -77,9 +77,7 @@ def test_a_damaged_file_is_named_and_computed_again(tmp_path):
     victim.write_text(victim.read_text().replace('"seeds":[0,1,2]', '"seeds":[0,1,3]'))
     with pytest.raises(Damaged, match=rf"{victim.name} is damaged \(its checksum is wrong\)"):
         store.load(victim)
-    with pytest.warns(
-        UserWarning, match=rf"{victim.name} is damaged .*; `fbl-gym leaderboard` computes its cell again"
-    ):
+    with pytest.warns(UserWarning, match=rf"{victim.name} is damaged .*; `fbl-gym leaderboard` computes its cell"):
         assert [done for done, _ in finish(cells(), tmp_path)].count("computed") == 1
     assert len(list(store.results())) == len(cells())
     for damage in ("", "{", "[]", "null", victim.read_text()[:-40]):
@@ -91,14 +89,13 @@ def test_a_damaged_file_is_named_and_computed_again(tmp_path):
 @pytest.mark.skipif(sys.platform == "win32", reason="has no named pipes")
 @pytest.mark.parametrize("make", [os.mkdir, os.mkfifo, lambda path: os.symlink(path, path)])
 def test_no_kind_of_file_in_the_place_of_a_result_stops_the_others(make, tmp_path):
-    finish(cells(("zero",)), tmp_path)
-    store = Store(tmp_path)
-    victim = store.files()[0]
-    victim.unlink()
+    some, store = cells(["zero"]), Store(tmp_path)
+    finish(some, tmp_path)
+    (victim := store.files()[0]).unlink()
     make(victim)
     with pytest.warns(UserWarning, match="is damaged"):
-        assert [done for done, _ in finish(cells(("zero",)), tmp_path)].count("computed") == 1
-    assert len(list(store.results())) == len(cells(("zero",)))
+        assert [done for done, _ in finish(some, tmp_path)].count("computed") == 1
+    assert len(list(store.results())) == len(some)
 
 
 @pytest.mark.parametrize("change", [
@@ -132,8 +129,7 @@ def test_a_file_of_another_format_is_left_alone(tmp_path):
     finish(cells(["zero"]), tmp_path)
     old = tmp_path / "zero--nominal--0123456789abcdef0123.json"
     old.write_text(json.dumps({"id": "zero/nominal", "rows": {}}))
-    assert len(list(Store(tmp_path).results())) == len(cells(["zero"]))
-    assert old.is_file()
+    assert (len(list(Store(tmp_path).results())), old.is_file()) == (len(cells(["zero"])), True)
 
 
 @pytest.mark.parametrize("change", ["added", "removed"])
@@ -155,11 +151,10 @@ def test_another_set_of_metrics_is_another_format_and_damages_nothing(tmp_path, 
 def test_a_full_disk_is_an_error_and_leaves_the_rest(tmp_path, monkeypatch):
     some = cells(["zero"])
     finish(some[:1], tmp_path)
-    real = os.fsync
-    monkeypatch.setattr(os, "fsync", lambda _: (_ for _ in ()).throw(OSError(28, "No space left on device")))
+    monkeypatch.setattr(os, "fsync", Mock(side_effect=OSError(28, "No space left on device")))
     with pytest.raises(OSError, match="No space left"):
         finish(some, tmp_path)
-    monkeypatch.setattr(os, "fsync", real)
+    monkeypatch.undo()
     assert len(Store(tmp_path).files()) == 1
     assert not list(tmp_path.glob(".*"))
     assert sorted(done for done, _ in finish(some, tmp_path)) == ["computed", "computed", "found"]
@@ -180,16 +175,15 @@ def test_kill_9_in_a_loop(tmp_path):
         return {path.name: (path.stat().st_mtime_ns, path.read_bytes()) for path in Store(tmp_path).files()}
 
     for _ in range(2):
-        process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE)
+        process = subprocess.Popen(command)
         target, deadline = len(seen) + 4, time.monotonic() + 60
         while len(Store(tmp_path).files()) < target and time.monotonic() < deadline and process.poll() is None:
             time.sleep(0.005)
-        process.send_signal(signal.SIGKILL)
-        process.communicate()
+        process.kill()
+        process.wait()
         assert stored().items() > seen.items()
         seen = stored()
-    done = subprocess.run(command, capture_output=True, text=True, check=False)
-    assert done.returncode == 0, done.stderr
+    subprocess.run(command, check=True)
     assert stored().items() >= seen.items()
     assert len(stored()) == len(list(Store(tmp_path).results())) == TOTAL
 

@@ -14,8 +14,8 @@ from fbl_gym import scenarios
 
 
 def test_splits_do_not_overlap():
-    for one, other in itertools.combinations(SPLITS.values(), 2):
-        assert one.stop <= other.start or other.stop <= one.start
+    for one, other in itertools.pairwise(sorted(SPLITS.values(), key=lambda split: split.start)):
+        assert one.stop <= other.start
 
 
 def test_suites(tmp_path):
@@ -36,12 +36,11 @@ def test_suites(tmp_path):
         built = [scenario.name for scenario in load("ideal").build(["zero"], names).scenarios]
         assert built == [*names[:-1], *map(chosen.format, (1, 2, 3))]
     assert len(Suite("twice", ("zero", "zero"), (scenarios.get("nominal"),) * 2, 1).cells) == 1
-    file = tmp_path / "mine.toml"
-    file.write_text('policies = ["zero"]\nscenarios = ["noise", {name = "own", noise = {position = 0.1}}]\nseeds = 5\n')
+    (file := tmp_path / "mine.toml").write_text(
+        'policies = ["zero"]\nscenarios = ["noise", {name = "own", noise = {position = 0.1}}]\nseeds = 5\n'
+    )
     suite = load(str(file)).build()
-    assert [s.name for s in suite.scenarios][-1] == "own"
-    assert len(suite.cells) == 4
-    assert suite.cells[0].seeds == tuple(range(5))
+    assert (suite.scenarios[-1].name, len(suite.cells), suite.cells[0].seeds) == ("own", 4, tuple(range(5)))
     file.write_text("policy = 3\n")
     with pytest.raises(ValueError, match=r"unknown entry of .*mine.toml 'policy'; did you mean 'policies'"):
         load(str(file))
@@ -51,13 +50,9 @@ def test_suites(tmp_path):
 
 def test_scenarios_that_share_a_name_keep_their_content(tmp_path):
     """Tables without names, and a table with a name that exists."""
-    file = tmp_path / "tables.toml"
-    file.write_text(
-        'policies = ["pd-gravity"]\nseeds = 2\n'
-        "scenarios = [{parameter_error = 1.1}, {parameter_error = 2.0}, "
-        '{name = "nominal", parameter_error = 3.0}, "nominal"]\n'
-    )
-    suite = load(str(file)).build()
+    tables = '{parameter_error = 1.1}, {parameter_error = 2.0}, {name = "nominal", parameter_error = 3.0}, "nominal"'
+    (tmp_path / "tables.toml").write_text(f'policies = ["pd-gravity"]\nscenarios = [{tables}]\nseeds = 2\n')
+    suite = load(str(tmp_path / "tables.toml")).build()
     assert len({scenario.name for scenario in suite.scenarios}) == len({cell.key for cell in suite.cells}) == 4
     assert all(scenario.name.startswith("nominal") for scenario in suite.scenarios)
     assert scenarios.get("nominal") in suite.scenarios
@@ -71,13 +66,10 @@ def rows_of(*policies):
 
 def test_an_agent_stands_for_its_training_seeds_on_a_board():
     """The first has the smallest validation error; a training seed that is asked for has a row too."""
-    agent = "ppo-blend"
+    agent, first = "ppo-blend", best_seed("ppo-blend")
     rows = rows_of("zero", agent, f"{agent}@2")
-    first = best_seed(agent)
-    seeds = (first, *(k for k in shipped()[agent] if k != first))
-    assert list(rows) == ["zero", *(f"{agent}@{seed}" for seed in seeds)]
-    assert rows["zero"] == ("zero",)
-    assert (rows[f"{agent}@0"], rows[f"{agent}@2"]) == ((agent,), (agent, f"{agent}@2"))
+    members = {f"{agent}@{seed}": (agent,) for seed in (first, *shipped()[agent])}
+    assert [*rows.items()] == [*({"zero": ("zero",)} | members | {f"{agent}@2": (agent, f"{agent}@2")}).items()]
     assert rows_of(*load("ideal").build([agent], ["nominal"]).policies) == rows_of(agent)
 
 

@@ -17,11 +17,9 @@ def closed_loop(name, scenario, lanes=8, **gains):
     log = []
     for observation, state, *_ in loop(policy, env, scenario.steps - 1):
         state = state or policy.initial(observation)
-        before = state.estimate if state else None
-        q, v = policy.read(observation, "position", "velocity")
-        r, dr = policy.read(observation, "reference_position", "reference_velocity")
+        q, v, r, dr = policy.read(observation, "position", "velocity", "reference_position", "reference_velocity")
         s = dr - v + np.array(policy.slope) * (r - q)
-        log.append((before, s, q, r - q))
+        log.append((state.estimate if state else None, s, q, r - q))
     return policy, env.truth.lumped, [np.array(x) for x in zip(*log, strict=True)]
 
 
@@ -57,24 +55,21 @@ def test_friction_is_estimated_and_taken_off_the_error():
     """With an exact model, the estimates come close to the real friction, and the error is a fraction of that without them."""
     friction = {"viscous": (40.0, 10.0), "coulomb": (20.0, 5.0)}
     scenario = wrong(0.0, friction=friction).replace(duration=20.0, control_dt=1e-2, physics_dt=1e-3, initial_error=0.0)
-    left = {}
-    for rate in (0.0, 20.0):
-        _, _, (estimate, _, _, error) = closed_loop("slotine-li", scenario, friction=rate)
-        left[rate] = np.abs(error[-500:]).mean()
+    logs = [closed_loop("slotine-li", scenario, friction=rate)[2] for rate in (0.0, 20.0)]
+    without, left = (np.abs(error[-500:]).mean() for *_, error in logs)
     real = np.concatenate([friction["viscous"], friction["coulomb"]])
-    np.testing.assert_allclose(np.median(estimate[-1, :, 5:] / real, axis=0), 1.0, atol=0.2)
-    assert left[20.0] < 0.1 * left[0.0]
+    np.testing.assert_allclose(np.median(logs[1][0][-1, :, 5:] / real, axis=0), 1.0, atol=0.2)
+    assert left < 0.1 * without
 
 
 def test_composite_estimates_converge_under_excitation():
     """Along an exciting motion the prediction error brings the estimates to the truth; the tracking error alone is slower."""
     scenario = wrong().replace(duration=20.0, control_dt=1e-2, physics_dt=1e-3, initial_error=0.0)
-    ends = {}
+    ends = []
     for name, gains in (("slotine-li", {}), ("slotine-li-composite", {"composite": 30.0})):
         _, p, (estimate, *_) = closed_loop(name, scenario, friction=0.0, **gains)
-        ends[name] = np.median(np.abs(estimate[-1, :, :5] / p - 1))
-    assert ends["slotine-li-composite"] < 0.01
-    assert ends["slotine-li-composite"] < 0.5 * ends["slotine-li"]
+        ends.append(np.median(np.abs(estimate[-1, :, :5] / p - 1)))
+    assert ends[1] < min(0.01, 0.5 * ends[0])
 
 
 def test_estimates_are_held_while_the_torque_saturates():
@@ -86,9 +81,8 @@ def test_estimates_are_held_while_the_torque_saturates():
 def test_the_lyapunov_function_falls_by_the_damping():
     """V = (s'W s + p~' Gamma^-1 p~) / 2 falls by damping s'W s on a wrong arm without friction."""
     scenario = wrong(0.3)
-    policy, real, (estimates, s, _, _) = closed_loop(
-        "computed-torque-adaptive", scenario, lanes=4, damping=10.0, friction=1e-9
-    )
+    gains = {"damping": 10.0, "friction": 1e-9}
+    policy, real, (estimates, s, _, _) = closed_loop("computed-torque-adaptive", scenario, 4, **gains)
     missing = real - estimates[..., :5]
     value = 0.5 * ((policy.stretched * s**2).sum(-1) + (missing**2 / policy.rates[:5]).sum(-1))
     fall = policy.damping * (policy.stretched * s**2).sum(-1) * scenario.control_dt

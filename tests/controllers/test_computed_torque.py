@@ -9,7 +9,7 @@ import controllers
 from benchmarks.run.rollout import rollout
 from fbl_gym import TABLE_1, ArmParameters, TwoLinkArmEnv, TwoLinkArmVectorEnv, scenarios
 from fbl_gym.model.arm import forward_dynamics, gravity_torque, inertia_matrix
-from tests.controllers.closed_loop import EXACT, HANGING, REST, STILL, loop, nominal, tracking
+from tests.controllers.closed_loop import EXACT, HANGING, REST, STILL, loaded, loop, nominal, tracking
 
 
 @pytest.mark.parametrize(("share", "grows"), [(0.95, False), (1.05, True)])
@@ -32,9 +32,7 @@ def test_the_sampled_loop_has_its_stability_limit(share, grows):
 def test_the_observer_has_its_time_constant(control_dt, bandwidth):
     """A constant load on an exact model: the estimate is d (1 - exp(-bandwidth t)) at the samples."""
     load = np.array([60.0, -25.0])
-    scenario = nominal(
-        **HANGING, control_dt=control_dt, disturbance={"kind": "array", "torque": (tuple(load),)}, duration=1.0
-    )
+    scenario = nominal(**loaded(*load) | HANGING, control_dt=control_dt, duration=1.0)
     env = TwoLinkArmVectorEnv(1, scenario)
     policy = controllers.make("computed-torque-dob", env, bandwidth=bandwidth)
     _, states = tracking(policy, env, scenario.steps)
@@ -56,7 +54,7 @@ def test_without_the_filter_the_law_is_incremental():
     before = None
     for observation, _, torque, _ in loop(policy, env, 100):
         q, v, a = policy.read(observation, "position", "velocity", "acceleration")
-        r, dr, ddr = policy.read(observation, "reference_position", "reference_velocity", "reference_acceleration")
+        r, dr, ddr = np.split(observation[:, env.layout.reference[:6]], 3, axis=1)
         desired = ddr + 64.0 * (r - q) + 16.0 * (dr - v)
         before = gravity_torque(env.interface.nominal, q) if before is None else before
         expected = before + np.einsum("nij,nj->ni", inertia_matrix(env.interface.nominal, q), desired - a)

@@ -19,6 +19,7 @@ from fbl_gym.scenarios.class_families import conditions
 from fbl_gym.scenarios.classes import CLASSES
 from fbl_gym.scenarios.scenario import Scenario
 from tests.controllers.closed_loop import EXCITING, broken_promises, mean_error, nominal, tracking
+from tests.fbl_gym.episodes import truths_of
 
 NAMES = controllers.names()
 
@@ -39,10 +40,8 @@ def test_a_policy_but_an_oracle_holds_plain_data(name):
 
 
 def test_a_torque_at_a_limit_that_float32_rounds_down_lies_in_the_box():
-    limit = 0.7
-    assert float(np.float32(limit)) < limit
-    scenario = nominal(actuator={"torque_limit": limit}, duration=0.5)
-    assert broken(resolve("pd-gravity"), scenario) == ""
+    assert float(np.float32(0.7)) < 0.7
+    assert broken(resolve("pd-gravity"), nominal(actuator={"torque_limit": 0.7}, duration=0.5)) == ""
 
 
 NO_ORACLES = [name for name, law in CATALOGUE.items() if "access" not in law]
@@ -51,11 +50,10 @@ NO_ORACLES = [name for name, law in CATALOGUE.items() if "access" not in law]
 @pytest.mark.parametrize("name", NO_ORACLES)
 def test_a_reading_that_is_nan_spoils_its_own_lane_alone(name):
     env = TwoLinkArmVectorEnv(2)
-    observation, _ = env.reset(seed=0)
-    policy, broken_one = controllers.make(name, env), observation.copy()
-    broken_one[0, env.interface.layout["position"]] = np.nan
-    action, _ = policy.predict(broken_one, policy.predict(observation)[1])
-    assert np.array_equal(np.isnan(action), [[True, True], [False, False]])
+    policy, (observation, _) = controllers.make(name, env), env.reset(seed=0)
+    _, state = policy.predict(observation)
+    observation[0, env.interface.layout["position"]] = np.nan
+    assert np.isnan(policy.predict(observation, state)[0]).tolist() == [[True, True], [False, False]]
 
 
 def motion(name, scale):
@@ -67,17 +65,15 @@ def motion(name, scale):
 
 @pytest.mark.parametrize("name", NO_ORACLES)
 def test_the_motion_does_not_depend_on_the_size(name):
-    nominal = motion(name, 1.0)
-    for scale in (0.3, 30.0):
-        np.testing.assert_allclose(motion(name, scale), nominal, atol=1e-6, err_msg=f"{scale} times the masses")
+    small, usual, large = (motion(name, scale) for scale in (0.3, 1.0, 30.0))
+    np.testing.assert_allclose([small, large], [usual, usual], atol=1e-6)
 
 
 ROTORS = ArmParameters(rotor=(8.0, 4.0))
-MODEL_BASED = ("computed-torque", "cascade-flm", "adaptive-flm", "slotine-li", "slotine-li-composite", "spong-robust",
-         "computed-torque-tde", "rbf-adaptive", "computed-torque-dob")  # fmt: skip
+MODEL_BASED = "cascade-flm adaptive-flm slotine-li slotine-li-composite spong-robust rbf-adaptive computed-torque"
 
 
-@pytest.mark.parametrize("name", MODEL_BASED)
+@pytest.mark.parametrize("name", [*MODEL_BASED.split(), "computed-torque-tde", "computed-torque-dob"])
 def test_a_law_follows_an_arm_with_rotors_as_well(name):
     options = {"steps": 200, "skip": 1, "action": "torque", "actuator": None}
     plain, heavy = (mean_error(name, arm=arm, **options) for arm in (ArmParameters(), ROTORS))
@@ -115,18 +111,14 @@ def test_a_missing_sensor_is_named(name):
 
 def test_the_reference_ahead_is_read_from_the_preview():
     env = TwoLinkArmVectorEnv(2, "servo-nominal", preview=3)
-    observation, _ = env.reset(seed=0)
-    ahead = reference_at(env.interface, observation, np.array([0.0, 0.03]))
-    np.testing.assert_allclose(ahead[:, 0, :2], env.truth.reference)
-    for _ in range(3):
-        env.step(np.zeros((2, 2)))
-    np.testing.assert_allclose(ahead[:, 1, :2], env.truth.reference, atol=1e-12)
+    ahead = reference_at(env.interface, env.reset(seed=0)[0], np.array([0.0, 0.03]))
+    first, *_, last = truths_of(env, np.zeros((3, 2, 2)))
+    np.testing.assert_allclose(ahead[..., :2], np.stack([first.reference, last.reference], axis=1), atol=1e-12)
 
 
 def test_a_wrong_observation_is_refused():
-    policy = controllers.make("pid-flm", TwoLinkArmEnv())
     with pytest.raises(ValueError, match=r"observation must have shape \(12,\)"):
-        policy.predict(np.zeros(7))
+        controllers.make("pid-flm", TwoLinkArmEnv()).predict(np.zeros(7))
 
 
 @pytest.mark.parametrize(("answer", "got"), [

@@ -50,8 +50,8 @@ def test_the_first_trial_is_computed_torque_and_later_ones_err_less_on_the_hardw
 
 def learned(law, observation, steps, state=None, start=None):
     """Return the state of a trial's end, of which each observation is the same."""
-    for k in range(steps):
-        _, state = law.predict(observation, state, start if k == 0 else None)
+    for _ in range(steps):
+        (_, state), start = law.predict(observation, state, start), None
     return state
 
 
@@ -67,15 +67,12 @@ def asked():
 
 def test_it_forgets_a_trial_that_ended_early_and_another_motion(asked):
     law, observation = asked
-    begins = np.array([True, True])
-    state = learned(law, observation, 20)
-    fresh = law.predict(observation)[0]
+    begins, state, fresh = np.array([True, True]), learned(law, observation, 20), law.predict(observation)[0]
     assert not np.allclose(law.predict(observation, state, begins)[0], fresh)
     short = learned(law, observation, 19, state, begins)
     np.testing.assert_array_equal(law.predict(observation, short, begins)[0], fresh)
-    other = observation.copy()
-    other[1, law.interface.layout["reference_position"]] += 0.1
-    actions, alone = law.predict(other, state, begins)[0], law.predict(other)[0]
+    observation[1, law.interface.layout["reference_position"]] += 0.1
+    actions, alone = law.predict(observation, state, begins)[0], law.predict(observation)[0]
     np.testing.assert_array_equal(actions[1], alone[1])
     assert not np.allclose(actions[0], alone[0])
 

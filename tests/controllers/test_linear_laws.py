@@ -17,11 +17,10 @@ ZERO = {"reference": {"kind": "minimum-jerk", "points": ((0.0, 0.0),)}}
 
 def response(a, x0, steps):
     """First component of x' = a x from x0, at each millisecond."""
-    step, x, log = expm(1e-3 * np.array(a)), np.array(x0), []
-    for _ in range(steps + 1):
-        log.append(x[0])
-        x = step @ x
-    return np.array(log)
+    step, states = expm(1e-3 * np.array(a)), [np.array(x0)]
+    for _ in range(steps):
+        states.append(step @ states[-1])
+    return np.array(states)[:, 0]
 
 
 def lqg_rates(*weights):
@@ -111,11 +110,9 @@ def test_small_motions_under_pid_obey_the_linearised_loop():
     w, damping, share, start = 10.0, 0.8, 0.3, np.array([1e-3, -1e-3])
     scenario = nominal(**HANGING, initial_error=tuple(-start), control_dt=1e-3, duration=1.0)
     trace = rollout("pid-gravity", scenario, [0], {"frequency": w, "damping": damping, "integral": share})
-    scale, eye, zero = np.diag(DIAGONAL), np.eye(2), np.zeros((2, 2))
-    gains = (share * w**3 * scale, w**2 * scale, 2 * damping * w * scale)
     # x = (int e, e, e')
-    last = [-np.linalg.solve(inertia_matrix(TABLE_1, REST), gain) for gain in gains]
-    a = np.block([[zero, eye, zero], [zero, zero, eye], last])
+    gains = np.kron([share * w**3, w**2, 2 * damping * w], np.diag(DIAGONAL))
+    a = np.vstack([np.eye(4, 6, 2), -np.linalg.solve(inertia_matrix(TABLE_1, REST), gains)])
     expected = np.array([(expm(a * t) @ np.concatenate([[0, 0], start, [0, 0]]))[2:4] for t in trace.time[::50]])
     error = (trace.reference - trace.position)[::50, 0]
     assert np.abs(error - expected).max() < 0.03 * np.abs(start).max()
@@ -124,7 +121,7 @@ def test_small_motions_under_pid_obey_the_linearised_loop():
 def test_pd_with_gravity_compensation_leaves_the_load_over_its_stiffness():
     """At rest PD leaves e = d / Kp of a constant load, to the gravity compensation's own stiffness."""
     load = (40.0, 10.0)
-    scenario = nominal(**HANGING, disturbance={"kind": "array", "torque": (load,)}, duration=10.0)
+    scenario = nominal(**loaded(*load) | HANGING, duration=10.0)
     pd = rollout("pd-gravity", scenario, [0], {"frequency": 10.0})
     np.testing.assert_allclose((pd.reference - pd.position)[-1, 0], load / (10.0**2 * DIAGONAL), rtol=1e-3)
 

@@ -68,16 +68,14 @@ def test_gains_follow_the_arm():
     """They are computed once for an arm, and again for lanes whose arm has changed."""
     env = TwoLinkArmVectorEnv(2, "servo-elastic-2", preview=15)
     law = controllers.make("oracle-elastic", env)
-    observation, _ = env.reset(seed=0)
-    _, first = law.predict(observation)
+    _, first = law.predict(env.reset(seed=0)[0])
     observation = env.step(np.zeros((2, 2)))[0]
     _, second = law.predict(observation, first)
     assert second[1] is first[1]
     now = observation[:, env.interface.layout.reference[:6]]
     np.testing.assert_array_equal(second.past[:, -1], now)
     assert not np.array_equal(first.past[:, -1], now)
-    observation, _ = env.reset(seed=5)
-    _, third = law.predict(observation, second)
+    _, third = law.predict(env.reset(seed=5)[0], second)
     assert not np.array_equal(third[1], first[1])
 
 
@@ -113,8 +111,7 @@ def test_a_feasible_reference_is_the_plan():
 def test_the_plan_keeps_the_limits_and_errs_least():
     """Within the limits between the knots too, but for a few samples; less than half the error without a plan."""
     env, motion, arm = planned(tier_scenario("servo-saturation-2", CLASSES["servo"].arm), [7, 9], duration=2.6)
-    q, v, a = np.split(motion[:, 1:260], 3, axis=-1)
-    truth = arm.truth
+    (q, v, a), truth = np.split(motion[:, 1:260], 3, axis=-1), arm.truth
     torque = inverse_dynamics(with_rotors(truth.lumped, truth.rotor)[:, None], q, v, a)
     torque += truth.viscous[:, None] * v + truth.coulomb[:, None] * np.tanh(v / 0.05)
     command = torque + truth.lag[:, None, None] * np.gradient(torque, 0.01, axis=1)

@@ -1,6 +1,5 @@
 """The registry: names, arguments, entry points, and access to the environment; gains and their declarations."""
 
-import inspect
 import json
 import math
 from dataclasses import dataclass
@@ -15,7 +14,7 @@ from benchmarks.run.cell import Cell
 from controllers import registry
 from controllers.laws.simple import PdGravity
 from fbl_gym import Interface, TwoLinkArmEnv
-from fbl_gym.records.record import declarations, number, tuning_ranges
+from fbl_gym.records.record import number, tuning_ranges
 from fbl_gym.scenarios.classes import CLASSES
 from tests.fbl_gym.declared import fields
 
@@ -57,9 +56,8 @@ def test_an_installed_package_adds_a_policy(monkeypatch):
     point = metadata.EntryPoint("mine", "controllers.laws.simple:PdGravity", registry.ENTRY_POINTS)
     monkeypatch.setattr(registry, "entry_points", lambda: (point,))
     assert "mine" in controllers.names()
-    assert controllers.access("mine") == "nominal"
-    assert controllers.kind("mine") == "classical"
-    assert controllers.summary("mine") == "PD with gravity compensation."
+    told = [ask("mine") for ask in (controllers.access, controllers.kind, controllers.summary)]
+    assert told == ["nominal", "classical", "PD with gravity compensation."]
     assert controllers.make("mine", TwoLinkArmEnv(), frequency=3.0).frequency == (3.0, 3.0)
 
 
@@ -105,22 +103,13 @@ def test_results_follow_the_gains_of_every_class(tuned):
 LAWS = [name for name in controllers.names() if controllers.kind(name) == "classical"]
 
 
-@pytest.mark.parametrize("name", LAWS)
-def test_the_unit_of_a_gain_is_in_the_docstring(name):
-    law = controllers.factory(name)
-    text = "".join(inspect.getdoc(base) or "" for base in law.__mro__)
-    for gain, declaration in declarations(law).items():
-        assert declaration.unit == "" or f"[{declaration.unit}]" in text, gain
-
-
 @pytest.mark.parametrize("name", [name for robot in CLASSES for name in controllers.tuned(robot)])
 def test_tuned_gains_are_in_the_tuning_range(name):
     ranges = tuning_ranges(controllers.factory(name))
     assert ranges
     for gain, value in controllers.registry.tuned_gains(name).items():
         low, high = ranges[gain]
-        assert (low <= np.array(value)).all()
-        assert (np.array(value) <= high).all()
+        assert low <= np.min(value) <= np.max(value) <= high
 
 
 def test_a_subclass_keeps_the_declaration_of_a_plain_default_and_replaces_another():
@@ -142,8 +131,7 @@ def test_a_gain_out_of_bounds_is_named(name):
     for gain in (gain for gain in fields(law) if gain.owner is law):
         right = "whole number" if gain.is_whole else "finite number"
         for word, bound in gain.bounds if gain.is_number else ():
+            message = rf"{gain.name} must be a {right} {word} {bound:g}.*, got "
             for value in [round(bound) - 1, *([round(bound)] if word == "greater than" else []), math.nan, "1"]:
-                with pytest.raises(
-                    ValueError, match=rf"{gain.name} must be a {right} {word} {bound:g}.*, got {value!r}"
-                ):
+                with pytest.raises(ValueError, match=message + repr(value)):
                     controllers.make(name, env, **{gain.name: value})

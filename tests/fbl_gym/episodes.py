@@ -58,11 +58,9 @@ def truths_of(env, actions):
 def episode(env, steps=60, seed=5):
     """Everything a run returns, as one array."""
     rng = np.random.default_rng(0)
-    rows = [np.append(env.reset(seed=seed)[0], 0.0)]
-    for _ in range(steps):
-        observation, reward, *_ = env.step(rng.uniform(-0.3, 0.3, 2))
-        rows.append(np.append(observation, reward))
-    return np.array(rows)
+    first = env.reset(seed=seed)[0]
+    later = (env.step(action) for action in rng.uniform(-0.3, 0.3, (steps, 2)))
+    return np.array([[*first, 0.0], *([*observation, reward] for observation, reward, *_ in later)])
 
 
 # Pairs of runs with and without an option, with the same seed and torques.
@@ -78,21 +76,25 @@ def torques(k, lanes=LANES):
     return np.array([150.0, 40.0]) * np.sin(0.05 * k + phase) + np.array([-50.0, -10.0])
 
 
-def play(steps=100, lanes=LANES, seed=0, **options):
-    """Return the layout, observations [steps + 1 x lanes x size] and truths of a run under `torques`."""
-    env = TwoLinkArmVectorEnv(lanes, action="torque", limits={"position": 100.0}, **options)
-    observations, truths = [env.reset(seed=seed)[0]], [env.truth]
+def run(env, steps, **start):
+    """Return the observations [steps + 1 x lanes x size] and truths of an episode under `torques`."""
+    observations, truths = [env.reset(**start)[0]], [env.truth]
     for k in range(steps):
-        observations.append(env.step(torques(k, lanes))[0])
+        observations.append(env.step(torques(k, env.num_envs))[0])
         truths.append(env.truth)
-    return env.layout, np.array(observations), truths
+    return np.array(observations), truths
+
+
+def play(steps=100, lanes=LANES, seed=0, **options):
+    """Return the layout, observations and truths of a run of new arms."""
+    env = TwoLinkArmVectorEnv(lanes, **{"action": "torque", "limits": {"position": 100.0}, **options})
+    return env.layout, *run(env, steps, seed=seed)
 
 
 def same(ours, theirs, *names):
     """Return True if the truths of two runs agree to the bit in the named fields."""
-    return all(
-        np.array_equal(getattr(a, name), getattr(b, name)) for a, b in zip(ours, theirs, strict=True) for name in names
-    )
+    pairs = zip(ours, theirs, strict=True)
+    return all(np.array_equal(getattr(a, name), getattr(b, name)) for a, b in pairs for name in names)
 
 
 @functools.cache

@@ -93,10 +93,8 @@ def test_the_task_follows_the_arm(robot, scale):
 
 @pytest.mark.parametrize("robot", CLASSES)
 def test_a_wrong_data_sheet_is_told_and_the_truth_lies_on_both_sides_of_its_range(robot):
-    arm, zero = CLASSES[robot].arm, resolve("zero")
-    usual, wrong = (
-        make_env(zero, Scenario(**conditions(arm, robot, family, 2)), 64) for family in ("nominal", "datasheet")
-    )
+    tasks = (Scenario(**conditions(CLASSES[robot].arm, robot, family, 2)) for family in ("nominal", "datasheet"))
+    usual, wrong = (make_env(resolve("zero"), task, 64) for task in tasks)
     wrong.reset(seed=0)
     truth, told, ranges, drive = wrong.truth, wrong.interface, usual.interface, usual.scenario.actuator
     delay = np.array(ends(drive.delay)) + usual.scenario.control_dt
@@ -113,16 +111,16 @@ def test_a_wrong_data_sheet_is_told_and_the_truth_lies_on_both_sides_of_its_rang
 
 
 def test_the_board_is_recognised_by_its_content():
+    arm, own, drop = CLASSES["geared"].arm, dataclasses.replace(TABLE_1, m1=3.0), [{"kind": "drop", "time": 3.0}]
     for name in ("servo-delay-2", "direct-surprise-arm", "geared-surprise-knock"):
         assert scenarios.held_out_reason(scenarios.get(name).replace(name="mine"))
-    for name in ("nominal", "everything-2", "dfki-c1"):
-        assert scenarios.held_out_reason(scenarios.get(name)) == ""
-    arm = CLASSES["geared"].arm
-    assert "events" in scenarios.held_out_reason(Scenario(arm=arm, events=[{"kind": "drop", "time": 3.0}]))
-    own = dataclasses.replace(TABLE_1, m1=3.0)
-    assert "links bend" in scenarios.held_out_reason(Scenario(arm=arm, link=20.0, physics_dt=2e-4))
-    assert scenarios.held_out_reason(Scenario(arm=own, events=[{"kind": "drop", "time": 3.0}], link=8.0)) == ""
-    assert "motion" in scenarios.held_out_reason(Scenario(arm=own, reference=scenarios.get("servo-nominal").reference))
+    for free in (*map(scenarios.get, ("nominal", "everything-2", "dfki-c1")), Scenario(arm=own, events=drop, link=8.0)):
+        assert scenarios.held_out_reason(free) == ""
+    for reason, task in (
+        ("events", {"arm": arm, "events": drop}), ("links bend", {"arm": arm, "link": 20.0, "physics_dt": 2e-4}),
+        ("motion", {"arm": own, "reference": scenarios.get("servo-nominal").reference}),
+    ):  # fmt: skip
+        assert reason in scenarios.held_out_reason(Scenario(**task))
 
 
 @pytest.mark.parametrize(("reference", "refused"), [

@@ -17,8 +17,6 @@ import pytest
 from numba.core import config
 from numba.core.dispatcher import Dispatcher
 
-import benchmarks
-import controllers
 import fbl_gym
 from fbl_gym.kernel.maths import fastmath
 from fbl_gym.kernel.step import api
@@ -88,17 +86,15 @@ def test_one_process_says_that_code_is_compiled_and_another_does_a_while_later(t
 
 def test_every_compiled_function_has_a_name_of_its_own():
     """Numba tells functions of one name apart by a counter of the process, which a cache outlives."""
-    for package in (fbl_gym, controllers, benchmarks):
-        for module in pkgutil.walk_packages(package.__path__, f"{package.__name__}."):
+    packages, functions = ("fbl_gym", "controllers", "benchmarks"), defaultdict(set)
+    for name in packages:
+        for module in pkgutil.walk_packages(importlib.import_module(name).__path__, f"{name}."):
             if not module.name.endswith("__main__"):
                 with contextlib.suppress(ImportError):  # of an extra
                     importlib.import_module(module.name)
-    functions = defaultdict(set)
-    for thing in gc.get_objects():
-        if issubclass(type(thing), Dispatcher) and thing.py_func.__module__.startswith(
-            ("fbl_gym", "controllers", "benchmarks")
-        ):
-            functions[thing.py_func.__module__, thing.py_func.__qualname__].add(thing.py_func)
+    for function in (thing.py_func for thing in gc.get_objects() if issubclass(type(thing), Dispatcher)):
+        if function.__module__.startswith(packages):
+            functions[function.__module__, function.__qualname__].add(function)
     assert len(functions) > 100
     assert not [name for name, several in functions.items() if len(several) > 1]
 

@@ -1,16 +1,18 @@
 """The same environment again, pickled and copied; batches too."""
 
 import copy
+import functools
 import pickle
 
 import numpy as np
 import pytest
 
-from fbl_gym import TwoLinkArmEnv, TwoLinkArmVectorEnv
-from tests.fbl_gym.episodes import EVENTFUL, RECORDS, episode, needs_mujoco, started, started_batch
+from fbl_gym import TwoLinkArmEnv, TwoLinkArmTrackingEnv, TwoLinkArmTrackingVectorEnv, TwoLinkArmVectorEnv
+from tests.fbl_gym.episodes import EVENTFUL, RECORDS, episode, needs_mujoco, started, started_batch, truths_of
 
 ON_MUJOCO = pytest.param({"scenario": "everything-2@mujoco"}, marks=needs_mujoco)
 PLANT = pytest.param({"plant": "mujoco"}, marks=needs_mujoco)
+TRACKING = TwoLinkArmTrackingEnv, TwoLinkArmTrackingVectorEnv
 
 
 @pytest.mark.parametrize("options", [RECORDS, ON_MUJOCO], ids=["own", "mujoco"])
@@ -31,46 +33,44 @@ def test_a_copy_in_mid_episode_continues_independently(copied, options):
 
 def test_an_environment_unpickled_onto_read_only_memory_steps():
     """Joblib gives its workers such memory maps."""
-    env = started()
-    buffers = []
+    env, buffers = started(), []
     data = pickle.dumps(env, protocol=5, buffer_callback=buffers.append)
     other = pickle.loads(data, buffers=[bytes(buffer) for buffer in buffers])
-    action = np.array([0.1, -0.2])
-    np.testing.assert_array_equal(other.step(action)[0], env.step(action)[0])
+    np.testing.assert_array_equal(other.step((0.1, -0.2))[0], env.step((0.1, -0.2))[0])
+
+
+HISTORY = {"scenario": "servo-nominal", "duration": 0.3, "history": 3}
 
 
 @pytest.mark.parametrize("lanes", [None, 20], ids=["single", "batch"])
-@pytest.mark.parametrize("options", [EVENTFUL, ON_MUJOCO], ids=["own", "mujoco"])
+@pytest.mark.parametrize("options", [EVENTFUL, ON_MUJOCO, HISTORY], ids=["own", "mujoco", "tracking"])
 def test_a_state_that_is_set_continues_as_before(lanes, options):
-    """Through the start of another episode, in an environment that has not begun."""
-    make = TwoLinkArmEnv if lanes is None else lambda **options: TwoLinkArmVectorEnv(lanes, **options)
+    """Through the start of another episode, in an environment that has not begun, with its earlier observations."""
+    single, batch = TRACKING if "history" in options else (TwoLinkArmEnv, TwoLinkArmVectorEnv)
+    make = single if lanes is None else functools.partial(batch, lanes)
     env, other = make(**options), make(**options)
     env.reset(seed=1)
-    shape = (2,) if lanes is None else (lanes, 2)
+    action = np.full(env.action_space.shape, 0.1)
     for _ in range(25):
-        env.step(np.full(shape, 0.1))
-    state = env.state()
-    after = [env.step(np.full(shape, 0.1))[0] for _ in range(5)] + [env.reset()[0]]
+        observation = env.step(action)[0]
+    state, observation[:] = env.state(), np.nan  # the caller may change what was returned
+    after = [env.step(action)[0] for _ in range(5)] + [env.reset()[0]]
     other.set_state(state)
-    again = [other.step(np.full(shape, 0.1))[0] for _ in range(5)] + [other.reset()[0]]
+    again = [other.step(action)[0] for _ in range(5)] + [other.reset()[0]]
     np.testing.assert_array_equal(again, after)
-    with pytest.raises(ValueError, match="same arguments and number of arms"):
-        make(scenario="noise-2").set_state(state)
+    for one, given in ((make(scenario="noise-2"), state), (other, state[0])):
+        with pytest.raises(ValueError, match="same arguments and number of arms"):
+            one.set_state(given)
 
 
-@pytest.mark.parametrize(
-    "options", [{}, {"joint": {"frequency": 12.0, "rotor_inertia": 0.5}, "physics_dt": 5e-4}, PLANT]
-)
+@pytest.mark.parametrize("options", [{}, {"joint": {"frequency": 12, "rotor_inertia": 0.5}, "physics_dt": 5e-4}, PLANT])
 def test_an_episode_starts_where_reset_says(options):
     """And the next one starts on its own reference again."""
     start = {"position": (-1.2, 0.4), "velocity": (0.5, -0.25), "reference": (-1.0, 0.5)}
     env, plain = TwoLinkArmEnv(**options), TwoLinkArmEnv(**options)
     env.reset(seed=3, options=start)
-    truth = env.truth
-    assert (truth.position.tolist(), truth.velocity.tolist()) == ([-1.2, 0.4], [0.5, -0.25])
-    for _ in range(300):
-        env.step(np.zeros(2))
-    assert env.truth.reference.tolist() == [-1.0, 0.5]
+    first, *_, last = truths_of(env, np.zeros((300, 2)))
+    np.testing.assert_array_equal([first.position, first.velocity, last.reference], [*start.values()])
     np.testing.assert_array_equal(env.reset(seed=3)[0], plain.reset(seed=3)[0])
 
 

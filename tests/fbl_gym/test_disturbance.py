@@ -4,20 +4,15 @@ import numpy as np
 from scipy import stats
 
 from fbl_gym import TwoLinkArmVectorEnv
-from tests.fbl_gym.episodes import play, same, started_batch
-
-
-def levels(**options):
-    """Return the disturbance [steps + 1 x lanes x 2] and the truths of a run."""
-    _, _, truths = play(steps=200, **options)
-    reference = play(steps=200)[2]
-    assert same(truths, reference, "reference", "applied_torque", "lumped")
-    assert not same(truths[5:], reference[5:], "position")
-    return np.array([truth.disturbance for truth in truths]), truths
+from tests.fbl_gym.episodes import play, run, same, started_batch
 
 
 def test_a_piecewise_constant_disturbance_has_levels_of_its_period_and_amplitude():
-    disturbance, _ = levels(disturbance={"kind": "piecewise-constant", "amplitude": (20.0, 5.0), "period": 0.2})
+    *_, truths = play(200, disturbance={"kind": "piecewise-constant", "amplitude": (20.0, 5.0), "period": 0.2})
+    *_, others = play(200)
+    assert same(truths, others, "reference", "applied_torque", "lumped")
+    assert not same(truths[5:], others[5:], "position")
+    disturbance = np.array([truth.disturbance for truth in truths])
     change = np.any(np.diff(disturbance, axis=0) != 0, axis=(1, 2))
     # Sample k belongs to the step that ends there: the level of [0.2 i, 0.2 (i + 1)) begins at 20 i + 1.
     assert set(np.flatnonzero(change)) == {20 * i for i in range(1, 10)}
@@ -27,12 +22,8 @@ def test_a_piecewise_constant_disturbance_has_levels_of_its_period_and_amplitude
 
 def test_levels_of_a_disturbance_are_new_in_each_lane_and_episode():
     env = TwoLinkArmVectorEnv(512, disturbance={"kind": "piecewise-constant", "amplitude": 1.0, "period": 0.01})
-    levels = []
-    for start in ({"seed": 0}, {}):
-        env.reset(**start)
-        for _ in range(3):
-            env.step(np.zeros((512, 2)))
-            levels += [*env.truth.disturbance.T]
+    truths = [truth for seed in (0, None) for truth in run(env, 3, seed=seed)[1][1:]]
+    levels = np.concatenate([truth.disturbance.T for truth in truths])
     assert len(levels) == 12
     assert np.abs(np.corrcoef(levels) - np.eye(12)).max() < 0.2
     assert stats.kstest(np.concatenate(levels), stats.uniform(-1, 2).cdf).pvalue > 1e-3

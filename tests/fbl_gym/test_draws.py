@@ -9,7 +9,7 @@ from scipy import stats
 
 from fbl_gym import Distribution, TwoLinkArmVectorEnv
 from fbl_gym.records.record import ends, middle
-from tests.fbl_gym.episodes import play, same, started_batch, torques
+from tests.fbl_gym.episodes import play, run, same, started_batch
 
 LANES = 4000
 
@@ -17,13 +17,14 @@ LANES = 4000
 def test_numbers_have_their_distributions():
     friction = {"viscous": {"uniform": [1, 5]}, "coulomb": [{"log_uniform": [0.1, 10]}, {"uniform": [0, 2]}]}
     start = started_batch(LANES, friction=friction, actuator={"gain": {"uniform": [0.5, 1.5]}}).truth
-    drawn = [
-        *[(start.viscous[:, joint], stats.uniform(1, 4)) for joint in (0, 1)],
-        *[(start.gain[:, joint], stats.uniform(0.5, 1)) for joint in (0, 1)],
-        (start.coulomb[:, 0], stats.loguniform(0.1, 10)),
-        (start.coulomb[:, 1], stats.uniform(0, 2)),
+    drawn = np.hstack([start.viscous, start.gain, start.coulomb]).T
+    expected = [
+        *[stats.uniform(1, 4)] * 2,
+        *[stats.uniform(0.5, 1)] * 2,
+        stats.loguniform(0.1, 10),
+        stats.uniform(0, 2),
     ]
-    for values, distribution in drawn:
+    for values, distribution in zip(drawn, expected, strict=True):
         assert stats.kstest(values, distribution.cdf).pvalue > 1e-3
     assert abs(np.corrcoef(start.viscous.T)[0, 1]) < 0.06
     assert abs(np.corrcoef(start.viscous[:, 0], start.gain[:, 0])[0, 1]) < 0.06
@@ -38,9 +39,8 @@ def test_a_choice_has_equal_chances():
 
 def test_ends_and_middle():
     assert ends((Distribution(uniform=(1, 2)), 5.0)) == (1.0, 5.0)
-    assert middle(Distribution(log_uniform=(1, 4))) == 2.0
-    assert middle(Distribution(choice=(1, 4, 6))) == 3.5
-    assert middle(3.0) == 3.0
+    numbers = Distribution(log_uniform=(1, 4)), Distribution(choice=(1, 4, 6)), 3.0
+    assert [*map(middle, numbers)] == [2.0, 3.5, 3.0]
 
 
 UNRELATED = ("applied_torque", "disturbance", "masses", "lengths", "payload")
@@ -77,13 +77,10 @@ def test_another_task_has_the_same_random_numbers(change):
 ], ids=str)  # fmt: skip
 def test_options_outside_the_arm_do_not_move_it(change):
     """All readings and the whole truth are the same to the bit."""
-    options = {"action": "torque", "limits": {"position": 100.0}, **CROWDED}
-    one, two = TwoLinkArmVectorEnv(20, **{**options, **change}), TwoLinkArmVectorEnv(20, **options)
-    a, b = one.reset(seed=0)[0], two.reset(seed=0)[0]
-    for k in range(60):
-        np.testing.assert_array_equal(a[:, :12], b[:, :12])
-        np.testing.assert_equal(vars(one.truth), vars(two.truth))
-        a, b = one.step(torques(k, 20))[0], two.step(torques(k, 20))[0]
+    (_, seen, truths), (_, others, plain) = (play(60, 20, **{**CROWDED, **more}) for more in (change, {}))
+    np.testing.assert_array_equal(seen[..., :12], others[..., :12])
+    for one, other in zip(truths, plain, strict=True):
+        np.testing.assert_equal(vars(one), vars(other))
 
 
 OPTIONS = {
@@ -98,14 +95,7 @@ DRAWN = ("masses", "lengths", "payload", "coulomb", "gain", "reference")
 def episodes(**options):
     """Return the readings, and the truth of each step, of two episodes in a row and of one of another seed."""
     env = TwoLinkArmVectorEnv(17, action="torque", **(OPTIONS | options))
-    runs = []
-    for seed in (3, None, 4):
-        readings, truths = [env.reset(seed=seed)[0]], [env.truth]
-        for k in range(6):
-            readings.append(env.step(torques(k, 17))[0])
-            truths.append(env.truth)
-        runs.append((np.array(readings), truths))
-    return runs
+    return [run(env, 6, seed=seed) for seed in (3, None, 4)]
 
 
 @pytest.mark.parametrize("reference", ["minimum-jerk", "steps", "filtered-steps", "fourier"])
@@ -121,9 +111,7 @@ def test_arm_and_reference_stay_and_noise_and_disturbance_are_new(reference):
     np.testing.assert_array_equal(seen, usual)
     assert not np.array_equal(usual_first[0].masses, usual_second[0].masses)
     assert not np.array_equal(usual_first[0].reference, usual_second[0].reference)
-    noise, new, usual_new = (
-        readings[..., :2] - [truth.position for truth in truths]
-        for readings, truths in ((seen, first), (seen_again, second), (usual_again, usual_second))
-    )
+    pairs = ((seen, first), (seen_again, second), (usual_again, usual_second))
+    noise, new, usual_new = (rows[..., :2] - [truth.position for truth in truths] for rows, truths in pairs)
     assert np.std(noise - new) == pytest.approx(0.01 * np.sqrt(2), rel=0.2)  # the bias stays
     np.testing.assert_allclose(np.diff(new, axis=0), np.diff(usual_new, axis=0), atol=1e-12)

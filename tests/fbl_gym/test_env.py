@@ -30,27 +30,23 @@ def test_checkers_pass_without_a_warning(name, options):
 def test_truth_is_a_copy_and_reading_it_changes_nothing():
     env, twin = started("everything-2"), started("everything-2")
     for _ in range(50):
-        truth = env.truth
-        before = truth.position.copy()
+        truth, before = env.truth, env.truth.position
         truth.velocity[:] = 99.0
-        a, b = env.step((0.1, 0.1)), twin.step((0.1, 0.1))
-        np.testing.assert_array_equal(a[0], b[0])
+        np.testing.assert_array_equal(env.step((0.1, 0.1))[0], twin.step((0.1, 0.1))[0])
         np.testing.assert_array_equal(truth.position, before)
 
 
 def test_returned_arrays_are_never_changed_later():
     env = TwoLinkArmEnv(**RECORDS)
-    observations = [env.reset(seed=0)[0]] + [env.step((0.1, 0.1))[0] for _ in range(50)] + [env.reset()[0]]
-    copies = [observation.copy() for observation in observations]
-    infos = [env.step((0.2, 0.2))[4] for _ in range(10)]
+    observations = [env.reset(seed=0)[0], *(env.step((0.1, 0.1))[0] for _ in range(50)), env.reset()[0]]
+    copies, infos = np.array(observations), [env.step((0.2, 0.2))[4] for _ in range(10)]
     np.testing.assert_array_equal(observations, copies)
-    assert len({id(info) for info in infos}) == 10
+    assert len({*map(id, infos)}) == 10
 
 
 def test_an_action_is_neither_changed_nor_shared():
     env, twin = started(actuator={"delay": 0.02}), started(actuator={"delay": 0.02})
-    action = np.array([3.0, -0.5])
-    env.step(action)
+    env.step(action := np.array([3.0, -0.5]))
     np.testing.assert_array_equal(action, [3.0, -0.5])
     action[:] = 0.0
     twin.step((3.0, -0.5))
@@ -73,12 +69,10 @@ def test_the_losses_add_up_to_the_reward(reward):
 
 @pytest.mark.parametrize("action", ["normalized", "torque", "acceleration"])
 def test_previous_actions_are_observed_on_demand(action):
-    plain, env = TwoLinkArmEnv(action=action), TwoLinkArmEnv(action=action, past_actions=2)
-    a, b = plain.reset(seed=0)[0], env.reset(seed=0)[0]
-    assert len(b) == len(a) + 4
+    plain, env = started(action=action), started(action=action, past_actions=2)
     for action in ((0.1, 0.2), (0.3, 0.4)):
         a, b = plain.step(action)[0], env.step(action)[0]
-        np.testing.assert_array_equal(a, b[: len(a)])
+        np.testing.assert_array_equal(a, b[:-4])
     np.testing.assert_array_equal(b[-4:], [0.3, 0.4, 0.1, 0.2])
 
 
@@ -130,17 +124,15 @@ def test_no_numpy_or_python_random_state_is_touched_by_making_seeding_or_drawing
 
 @pytest.mark.parametrize("seed", [-1, 1.5, "1", True, 2**64])
 def test_a_bad_seed_is_an_error(seed):
-    env = TwoLinkArmEnv()
     with pytest.raises(ValueError, match="seed must be"):
-        env.reset(seed=seed)
-    env.reset(seed=2**64 - 1)
+        TwoLinkArmEnv().reset(seed=seed)
+    TwoLinkArmEnv().reset(seed=2**64 - 1)
 
 
 def test_seeds_may_be_numpy_numbers():
     env = TwoLinkArmVectorEnv(2)
-    first, _ = env.reset(seed=np.int64(3))
-    np.testing.assert_array_equal(first, env.reset(seed=np.array([3, 4]))[0])
-    np.testing.assert_array_equal(first, env.reset(seed=(3, 4))[0])
+    first, *others = (env.reset(seed=seed)[0] for seed in (np.int64(3), np.array([3, 4]), (3, 4)))
+    np.testing.assert_array_equal(others, [first, first])
 
 
 def test_episodes_and_lanes_without_a_seed_differ():

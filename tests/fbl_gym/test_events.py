@@ -13,11 +13,8 @@ FIELDS = ("position", "velocity", "lumped", "payload", "friction_torque", "appli
 
 def both(event, steps=60, arm=TABLE_1, torque=(-50.0, -10.0), **options):
     """Return fields of a run with and of one without an event."""
-    options = {**MOVING, "arm": arm, **options}
-    return (
-        dict(zip(FIELDS, watch(*FIELDS, steps=steps, torque=torque, events=given, **options), strict=True))
-        for given in ([event], ())
-    )
+    options = {**MOVING, "arm": arm, "steps": steps, "torque": torque, **options}
+    return (dict(zip(FIELDS, watch(*FIELDS, events=given, **options), strict=True)) for given in ([event], ()))
 
 
 def jump(ours, plain, k):
@@ -27,9 +24,10 @@ def jump(ours, plain, k):
     return ours["velocity"][k + 1] - plain["velocity"][k + 1]
 
 
-@pytest.mark.parametrize(
-    ("rotor", "joint"), [(0.0, None), ((4.0, 2.0), None), (0.3, {"stiffness": 4000.0, "rotor_inertia": 0.5})]
-)
+SPRING = {"stiffness": 4000.0, "rotor_inertia": 0.5}
+
+
+@pytest.mark.parametrize(("rotor", "joint"), [(0.0, None), ((4.0, 2.0), None), (0.3, SPRING)])
 def test_a_knock_changes_the_momentum_by_its_impulse(rotor, joint):
     """That of the links and, if the joints are rigid, of the rotors."""
     arm, impulse = ArmParameters(rotor=rotor), np.array([5.0, -2.0])
@@ -55,8 +53,7 @@ def test_a_grasp_conserves_momentum_and_loses_energy():
 
 
 def test_a_drop_releases_all_payload_and_keeps_velocities():
-    option = {"parameter_error": {"payload": 3.0}}
-    ours, plain = both({"kind": "drop", "time": 0.03}, **option)
+    ours, plain = both({"kind": "drop", "time": 0.03}, parameter_error={"payload": 3.0})
     assert np.abs(jump(ours, plain, 30)).max() < 0.1
     np.testing.assert_array_equal(ours["payload"], [3.0] * 31 + [0.0] * 30)
     np.testing.assert_array_equal(ours["lumped"][31], TABLE_1.lumped)
@@ -74,10 +71,8 @@ def test_friction_changes_by_its_factor():
 def test_a_drive_loses_torque_within_a_control_step():
     """The event comes at a physics step between two commands."""
     event = {"kind": "drive", "time": 0.025, "factor": (0.5, 0.0)}
-    whole, broken = (
-        truths_of(started(action="torque", events=events, **MOVING), [(-50.0, -10.0)] * 4)[1:]
-        for events in ([], [event])
-    )
+    envs = (started(action="torque", events=events, **MOVING) for events in ([], [event]))
+    whole, broken = (truths_of(env, [(-50.0, -10.0)] * 4)[1:] for env in envs)
     np.testing.assert_array_equal([truth.applied_torque for truth in broken], [(-50, -10)] * 2 + [(-25, 0)] * 2)
     lost = [theirs.velocity - ours.velocity for ours, theirs in zip(whole, broken, strict=True)]
     np.testing.assert_array_equal(lost[1], 0.0)

@@ -1,12 +1,14 @@
 """Random valid options and random actions: nothing breaks, single or batched.
 
-The options come from their declarations: a new number needs a range in `RANGES`, and is then in every test.
+The options come from their declarations: a new number needs a range in `ranges.toml`, and is then in every test.
 """
 
 import contextlib
 import dataclasses
 import functools
 import json
+import tomllib
+from pathlib import Path
 
 import gymnasium as gym
 import numpy as np
@@ -19,45 +21,17 @@ from fbl_gym import Scenario, TwoLinkArmEnv, TwoLinkArmVectorEnv
 from fbl_gym.interface import ACTIONS
 from fbl_gym.model.arm import ARMS
 from fbl_gym.model.real_arms import REAL_ARMS
+from fbl_gym.options import SENSORS
 from tests.fbl_gym.declared import FIELDS
 from tests.fbl_gym.episodes import PLANT, started, torques
 from tests.fbl_gym.test_lanes import compare
 
 MAX = 2**64 - 1
-RANGES = {
-    "": {"initial_error initial_velocity": (-4, 4)},
-    "arm": {"m1 m2": (0.01, 100), "L1 L2": (0.05, 20), "gravity": (0, 30)},
-    "arm.": {"centre": (0.1, 1.5), "inertia rotor": (0, 5)},
-    "parameter_error": {"centre inertia rotor": (0.5, 2)},
-    "parameter_error.radius": {"radius": (0, 5)},
-    "parameter_error.payload": {"mass": (0, 50), "pick_up": (0, 0.2), "drop": (0.201, 0.4), "offset radius": (0, 0.5)},
-    "noise": {"sigma": (0, 2), "bias": (-2, 2), "density": (0, 0.1), "quantization": (0, 1), "snr_db": (-20, 120)},
-    "encoder": {"counts": (1, 1e6), "difference": (1, 5), "low_pass": (0.1, 1e4), "latency": (0, 5)},
-    "encoder.drop": {"dropout": (0, 1), "dropout_length": (1, 9)},
-    "friction": {"viscous": (0, 1e4), "coulomb stiction": (0, 200), "v_s": (1e-8, 1), "load": (0, 1)},
-    "disturbance": {"amplitude": (0, 1e3), "frequency": (0, 25), "phase": (-7, 7)},
-    "actuator": {"torque_limit": (0.1, 1e5), "lag": (0, 10), "delay_samples": (0, 3), "gain": (0, 2)},
-    "actuator.r": {"rate_limit": (1e-3, 1e6), "ripple": (0, 50), "ripple_order": (0.1, 500)},
-    "joint": {"stiffness": (1, 1e5), "frequency": (0.1, 20), "damping": (0, 50), "backlash": (0, 0.5)},
-    "joint.": {"rotor_inertia": (0.01, 5)},
-    "link": {"frequency": (1, 6), "damping": (0, 0.2)},
-    "datasheet": {"delay lag latency": (0, 0.1), "position_noise velocity_noise acceleration_noise": (0, 1)},
-    "datasheet.": {"rate_limit stiffness damping rotor_inertia backlash": (1e-3, 1e3)},
-    "events": {"mass": (0, 20), "factor": (0, 4), "impulse": (-20, 20)},
-    "reference": {"low": (-5, -3), "high": (1, 5), "centre": (-3, 3), "amplitude": (0, 3), "phase": (-7, 7)},
-    "reference.": {"move_time period": (0.12, 1), "hold_time": (0, 0.2), "bandwidth": (0.1, 50), "dt": (0.003, 0.1)},
-    "reference..": {"frequency": (0.01, 20), "harmonics": (1, 9)},
-    "limits": {"position": (10, 100), "error": (0.1, 5), "error_time": (1e-3, 1), "velocity command": (1, 1e3)},
-    "limits.acceleration": {"acceleration": (1, 1e6)},
-    "constraints": {"low": (-3, -1), "high": (0, 2), "velocity": (0.1, 9)},
-    "reward": {"worst": (0.01, 10), "resolution": (1e-6, 1), "weight_tracking": (0.1, 5)},
-    "reward.weight": {"weight_effort weight_chatter": (0, 5)},
-}
+RANGES = tomllib.loads(Path(__file__).with_name("ranges.toml").read_text(encoding="utf-8"))
 """Ranges of the numbers, by the start of their path and their name."""
 
-STEPPED = {"actuator.delay": 0, "actuator.jitter": 0, "disturbance.start": 0, "events.0.time": 0} | dict.fromkeys(
-    ("disturbance.period", "disturbance.width", "disturbance.dt"), 1
-)
+STEPPED = dict.fromkeys(("actuator.delay", "actuator.jitter", "disturbance.start", "events.0.time"), 0)
+STEPPED |= dict.fromkeys(("disturbance.period", "disturbance.width", "disturbance.dt"), 1)
 """Times that are multiples of the physics step, and their least number of steps."""
 
 RATIO = st.floats(0.05, 20)
@@ -76,8 +50,8 @@ MOVES = ("arm", "parameter_error", "friction", "joint", "link", "physics_dt", "c
 
 def range_of(field):
     """Return the range of a number."""
-    ranges = {start: names for start, names in RANGES.items() if field.stream.startswith(start.rstrip("."))}
-    (ends,) = [x for kinds in ranges.values() for names, x in kinds.items() if field.name in names.split()]
+    ranges = [each.items() for start, each in RANGES.items() if field.stream.startswith(start.rstrip("."))]
+    (ends,) = [ends for each in ranges for names, ends in each if field.name in names.split()]
     return ends
 
 
@@ -126,9 +100,8 @@ def environments(draw):
     for name, strategy in tasks.items():
         if draw(st.booleans()):
             options[name] = draw(strategy)
-    must = {"position"} | ({"velocity"} if options.get("action") == "acceleration" else set())
-    sensors = ("position", "velocity", "acceleration")
-    options["sensors"] = [name for name in sensors if name in must or draw(st.booleans())]
+    must = ("position", "velocity") if options.get("action") == "acceleration" else ("position",)
+    options["sensors"] = [name for name in SENSORS if name in must or draw(st.booleans())]
     make_valid(options)
     return options
 

@@ -39,17 +39,14 @@ def test_a_push_is_a_disturbance_of_one_control_step():
 
 def test_payload_drives_and_noise_change_at_the_next_step():
     env, hand, _ = started("payload-2")
-    gain, own = env.truth.gain, env.truth.payload
+    before = env.truth
     hand.load(2.0)
     hand.scale_drives((1.0, 0.5))
     hand.make_noise((1e-3, 1e-2))
-    observation = env.step(ACTION)[0]
-    truth = env.truth
-    assert truth.payload == own + 2.0
-    np.testing.assert_array_equal(truth.gain, gain * (1.0, 0.5))
+    observation, truth = env.step(ACTION)[0], env.truth
+    np.testing.assert_array_equal([truth.payload, *truth.gain], [before.payload + 2.0, *before.gain * (1.0, 0.5)])
     readings = np.abs(observation[:4] - [*truth.position, *truth.velocity])
-    assert (readings > 0.0).all()
-    assert (readings < 5 * np.repeat([1e-3, 1e-2], 2)).all()
+    assert ((readings > 0.0) & (readings < 5 * np.repeat([1e-3, 1e-2], 2))).all()
     hand.unload()
     env.step(ACTION)
     assert env.truth.payload == 0.0
@@ -62,14 +59,12 @@ def test_the_reference_goes_smoothly_to_the_target_also_in_the_preview():
     for _ in range(120):
         hand.aim(tuple(target))
         before, now = env.truth, env.step(ACTION)[0]
-    position, velocity, acceleration = (
-        now[layout[f"reference_{name}"]] for name in ("position", "velocity", "acceleration")
-    )
+    position, velocity, acceleration = now[layout.reference[:6]].reshape(3, 2)
     np.testing.assert_allclose(acceleration, BANDWIDTH**2 * (target - position) - 2 * BANDWIDTH * velocity, atol=1e-12)
     np.testing.assert_allclose(position - before.reference, 0.01 * velocity, atol=1e-3)
     assert np.abs(position - target).max() < 0.1
     ahead = now[layout["preview"]][:6]
     hand.aim(tuple(target))
-    np.testing.assert_allclose(env.step(ACTION)[0][layout["reference_position"].start :][:6], ahead, atol=1e-12)
+    np.testing.assert_allclose(env.step(ACTION)[0][layout.reference[:6]], ahead, atol=1e-12)
     hand.let_go()
     np.testing.assert_array_equal(env.reset(seed=3)[0], first)

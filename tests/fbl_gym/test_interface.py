@@ -29,8 +29,8 @@ SPRINGS = ("stiffness", "damping", "rotor_inertia", "backlash", "encoder")
 def test_the_interface_states_drive_and_sensors(options, stated):
     interface = TwoLinkArmEnv(**options).interface
     for name in FIELDS:
-        expected = np.array(stated.get(name, getattr(IDEAL, name)), dtype=float)
-        np.testing.assert_allclose(np.array(getattr(interface, name), dtype=float), expected, err_msg=name)
+        given, expected = getattr(interface, name), stated.get(name, getattr(IDEAL, name))
+        np.testing.assert_allclose(np.array(given, float), np.array(expected, float), err_msg=name)
     assert hash(interface) == hash(dataclasses.replace(interface))
 
 
@@ -71,9 +71,7 @@ TOLD = {
 def motion(told):
     """Return the observations, truths and interface of an episode under fixed torques."""
     env = TwoLinkArmVectorEnv(3, **TRUTH, datasheet=told)
-    rows = [env.reset(seed=5)[0]]
-    for k in range(40):
-        rows.append(env.step(np.full((3, 2), 0.3 * math.sin(k)))[0].copy())
+    rows = [env.reset(seed=5)[0], *(env.step(np.full((3, 2), 0.3 * math.sin(k)))[0] for k in range(40))]
     return np.array(rows), env.truth, env.interface
 
 

@@ -8,11 +8,10 @@ from gymnasium.vector import AutoresetMode, SyncVectorEnv
 from tests.fbl_gym.episodes import EVENTFUL, ID, MUJOCO, TIGHT, TRACKING, started, started_batch
 
 MODES = [mode.value for mode in AutoresetMode]
+LOAD = {"mass": 2.0, "offset": 0.1, "drop": 0.07}
 CHANGES = {
     "actuator": {"delay": 0.003, "jitter": 0.02, "lag": 0.01, "ripple": 5.0},
-    "parameter_error": {
-        "radius": 0.3, "centre": {"uniform": [0.8, 1.2]}, "inertia": 1.0, "payload": {"mass": 2.0, "offset": 0.1, "drop": 0.07},
-    },
+    "parameter_error": {"radius": 0.3, "centre": {"uniform": [0.8, 1.2]}, "inertia": 1.0, "payload": LOAD},
     "events": [{"kind": "pick-up", "time": 0.05, "mass": 3.0}, {"kind": "drive", "time": 0.1, "factor": (1.0, 0.0)}],
 }  # fmt: skip
 DELAYED = {"scenario": "servo-delay-2", "duration": 0.08}
@@ -74,8 +73,7 @@ def compare(ours, theirs, actions, calls, seed=3):
         arguments = {"seed": (None, int(rng.integers(1000)), several)[rng.integers(3)]}
         mask = rng.random(lanes) < 0.4
         if rng.random() < 0.7 and mask.any() and not (mode == AutoresetMode.DISABLED and (ended & ~mask).any()):
-            a = ours.reset(**arguments, options={"reset_mask": mask.copy()})
-            b = theirs.reset(**arguments, options={"reset_mask": mask.copy()})
+            a, b = (env.reset(**arguments, options={"reset_mask": mask.copy()}) for env in (ours, theirs))
             ended &= ~mask
         else:
             a, b = ours.reset(**arguments), theirs.reset(**arguments)

@@ -1,5 +1,8 @@
 """MuJoCo's plant: the package's arm where both model the same, lanes as single environments, and other worlds."""
 
+import tomllib
+from pathlib import Path
+
 import gymnasium as gym
 import numpy as np
 import pytest
@@ -12,58 +15,20 @@ from tests.fbl_gym.episodes import MUJOCO, episode, started, truths_of
 pytest.importorskip("mujoco")
 
 KNOCK = {"kind": "knock", "time": 1.003, "impulse": (5, 2)}
-WEAK_DRIVE = {"kind": "drive", "time": 2.0, "factor": (0.9, 0.9)}
 PAYLOAD = {"mass": 3, "pick_up": 1.003}
-SINE = {"kind": "sine", "amplitude": (50, 20), "frequency": 2}
-
-EXACT = {
-    "nominal": {},
-    "events": {"friction": {"viscous": (20, 5)}, "events": (KNOCK, {"kind": "friction", "time": 1.5, "factor": 2}, WEAK_DRIVE)},
-    "parameters and payload": {"parameter_error": {"radius": 0.5, "payload": {**PAYLOAD, "drop": 2}}},
-    "noise": {"noise": {"position": 1e-3, "velocity": 1e-2, "acceleration": 1.0}},
-    "jumping torque": {"disturbance": {"kind": "piecewise-constant", "amplitude": (50, 20), "period": 0.105}},
-    "pulses": {"disturbance": {"kind": "pulses", "amplitude": (80, 30)}},
-    "jitter, lost readings": {"actuator": {"jitter": 0.02}, "encoder": {"dropout": 0.02, "dropout_length": 3}},
-    "ripple": {"actuator": {"ripple": (5, 2), "ripple_order": (12, 20)}, "events": [WEAK_DRIVE]},
-    "centre, inertia, rotors": {
-        "arm": {"centre": (0.5, 0.4), "inertia": (0.1, 0.05), "rotor": (0.5, 0.2)},
-        "parameter_error": {"radius": 0.3, "centre": (1.2, 0.9), "inertia": 1.3, "rotor": {"uniform": [0.5, 2]}},
-    },
-    "a payload with a size and another one": {
-        "parameter_error": {"payload": {**PAYLOAD, "offset": 0.1, "radius": 0.2}},
-        "events": [{"kind": "pick-up", "time": 1.5, "mass": 2.0}],
-    },
-    "steps": {"reference": "steps", "initial_error": 0.02},
-    "draws": {
-        "friction": {"viscous": {"uniform": [1, 20]}}, "encoder": {"difference": 1}, "initial_velocity": 0.1,
-        "parameter_error": {"payload": {"mass": {"uniform": [1, 4]}, "pick_up": {"uniform": [0.5, 2]}}},
-        "actuator": {"gain": {"uniform": [0.9, 1.1]}, "delay": {"choice": [0.0, 0.004]}},
-    },
-}  # fmt: skip
-"""Options under which a physics step has one torque."""
-
-SMOOTH = {
-    "sine": {"disturbance": SINE},
-    "lag": {"actuator": {"lag": 0.005}},
-    "all": {
-        "parameter_error": {"radius": 0.5, "payload": PAYLOAD}, "noise": {"position": 1e-4, "velocity": 1e-3},
-        "friction": {"viscous": (20, 5)}, "disturbance": SINE, "actuator": {"delay": 0.003, "lag": 0.005},
-    },
-}  # fmt: skip
-"""Options under which a torque varies within a physics step."""
+EXACT, SMOOTH = tomllib.loads(Path(__file__).with_name("mujoco.toml").read_text(encoding="utf-8")).values()
+"""Options under which a physics step has one torque, and under which a torque varies within a step."""
 
 
 def run(options, lanes=4, policy="computed-torque", seconds=3.0, **gains):
     """Return the truth of every step in closed loop, and all observations and rewards."""
     env = TwoLinkArmVectorEnv(lanes, duration=seconds, **options)
-    law = controllers.make(policy, env, **gains)
-    observation, _ = env.reset(seed=0)
-    truth, numbers, state, starts = [env.truth], [observation], None, np.ones(lanes, dtype=bool)
+    law, (observation, _), state = controllers.make(policy, env, **gains), env.reset(seed=0), None
+    truth, numbers = [env.truth], [observation]
     for _ in range(env.scenario.steps):
-        action, state = law.predict(observation, state=state, episode_start=starts, deterministic=True)
+        action, state = law.predict(observation, state)
         observation, reward, terminated, _, _ = env.step(action)
         assert not terminated.any()
-        starts[:] = False
         truth.append(env.truth)
         numbers += [observation, reward]
     return truth, numbers

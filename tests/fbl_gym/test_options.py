@@ -65,8 +65,7 @@ def test_an_option_survives_json_and_a_spec(field):
     again = gym.make(EnvSpec.from_json(env.spec.to_json())).unwrapped
     assert (again.scenario, again.interface, again._reward) == (env.scenario, env.interface, env._reward)
     assert is_fixed(env.scenario)
-    copy = dataclasses.replace(env.scenario)
-    assert hash(copy) == hash(env.scenario)
+    assert hash(dataclasses.replace(env.scenario)) == hash(env.scenario)
 
 
 def packed(options):
@@ -130,8 +129,9 @@ def test_a_table_has_rows_of_two_finite_numbers(field):
 @each([field for field in LEAVES if field.names or field.form.startswith("some of ")])
 def test_a_choice_is_one_of_its_names(field):
     name, word = np.atleast_1d(field.values[0])[-1], field.name.removesuffix("s")
-    for value in (5, object(), [["a"]], None):
-        assert repr(value) in wrong(field.given(value), word) or value == [["a"]]
+    for value in (5, object(), None):
+        assert repr(value) in wrong(field.given(value), word)
+    wrong(field.given([["a"]]), word)
     if isinstance(name, str):
         wrong(field.given(f"{name}x"), f"unknown .*{word} '{name}x'; did you mean '{name}'")
 
@@ -232,8 +232,6 @@ def test_a_distribution_is_within_the_bounds_of_its_number(field):
         message = rf"{field.error}.*, a distribution, must be .* {word} {bound:g}\b.*, got -1"
         wrong(field.given({"uniform": [-1, 1]}), message)
     for bound in field.highest:
-        wrong(
-            field.given({"uniform": [bound, 2 * bound]}),
-            rf"{field.error}.*, a distribution, .* {re.escape(f'{bound:g}')}\b.*, got",
-        )
+        message = rf"{field.error}.*, a distribution, .* {re.escape(f'{bound:g}')}\b.*, got"
+        wrong(field.given({"uniform": [bound, 2 * bound]}), message)
     wrong(field.given({"choice": [1, math.nan]}), rf"{field.error}.*: choice\[1\] must be a finite number, got nan")

@@ -34,11 +34,8 @@ def test_a_payload_without_a_pick_up_is_carried_at_the_start_unless_dropped_at_o
 
 def test_the_drop_of_a_payload_that_an_event_released_leaves_another_one():
     """3 kg are dropped by the event, then 5 kg are picked up; the option's own drop has nothing left to release."""
-    (payload,) = watch(
-        "payload",
-        parameter_error={"payload": {"mass": 3.0, "drop": 0.09}},
-        events=[{"kind": "drop", "time": 0.03}, {"kind": "pick-up", "time": 0.06, "mass": 5.0}],
-    )
+    events = [{"kind": "drop", "time": 0.03}, {"kind": "pick-up", "time": 0.06, "mass": 5.0}]
+    (payload,) = watch("payload", parameter_error={"payload": {"mass": 3.0, "drop": 0.09}}, events=events)
     assert [payload[k] for k in (10, 50, 80, 120)] == [3.0, 0.0, 5.0, 5.0]
 
 

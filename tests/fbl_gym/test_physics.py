@@ -129,15 +129,15 @@ FAR = Limits(position=1000.0, velocity=1000.0)  # let it turn
 def run_env(policy, steps, dt, **options):
     """Return the environment's positions and velocities [steps + 1 x 4], and its truth at the end."""
     env = TwoLinkArmEnv(action="torque", control_dt=dt, duration=steps * dt, limits=FAR, **options)
-    observation, _ = env.reset(seed=0)
-    path = [observation[:4]]
+    path = [env.reset(seed=0)[0][:4]]
     for k in range(steps):
-        observation, _, terminated, truncated, _ = env.step(policy(k * dt, *path[-1]))
-        assert not terminated
+        observation, _, *ends, _ = env.step(policy(k * dt, *path[-1]))
+        assert ends == [False, k == steps - 1]
         path.append(observation[:4])
-    assert truncated
-    np.testing.assert_array_equal(path[-1], np.r_[env.truth.position, env.truth.velocity])
-    return np.array(path), env.truth
+    truth = env.truth
+    np.testing.assert_array_equal(path[-1], np.r_[truth.position, truth.velocity])
+    np.testing.assert_array_equal(truth.motor_position, truth.position)  # a rigid arm's motor is its link
+    return np.array(path), truth
 
 
 SWAY = SineReference(centre=(-1.2, 0.4), amplitude=(0.6, 0.8), frequency=0.4)

@@ -12,8 +12,8 @@ from tests.fbl_gym.declared import TABLE
 
 
 def test_a_gain_is_described_with_its_tuning_range():
-    (gain,) = [field for field in describe(PdGravity) if field.path == "frequency"]
-    assert (gain.form, gain.unit, gain.tune) == ("one or two numbers", "rad/s", "2 to 100")
+    gains = {field.path: (field.form, field.unit, field.tune) for field in describe(PdGravity)}
+    assert gains["frequency"] == ("one or two numbers", "rad/s", "2 to 100")
 
 
 def test_numbers_pairs_lists_and_arrays_make_equal_records():
@@ -71,7 +71,6 @@ def test_no_default_is_shared_between_environments():
 
 
 def test_derived_numbers_of_records():
-    assert SensorError(snr_db=20.0).std_at(0.01) == pytest.approx((0.1, 0.1))
-    assert SensorError(sigma=(0.1, 0.2)).std_at(0.01) == (0.1, 0.2)
-    assert ParameterError(ratio={"L2": 3.0}).ratio == (1.0, 1.0, 1.0, 3.0)
+    for given, std in (({"snr_db": 20.0}, (0.1, 0.1)), ({"sigma": (0.1, 0.2)}, (0.1, 0.2))):
+        assert SensorError(**given).std_at(0.01) == pytest.approx(std)
     assert (Scenario(control_dt=0.02).substeps, Scenario(control_dt=0.02).steps) == (20, 500)

@@ -9,7 +9,7 @@ from scipy import stats
 from fbl_gym import ArmParameters, TwoLinkArmEnv, TwoLinkArmVectorEnv
 from fbl_gym.model.arm import inverse_dynamics
 from fbl_gym.options.references import HIGH, LOW
-from tests.fbl_gym.episodes import started
+from tests.fbl_gym.episodes import play, started
 
 POINTS = ((-1.0, 0.2), (-0.4, -0.5), (-1.9, 0.8))
 SMOOTH = {
@@ -48,10 +48,8 @@ def foreseen(reference, duration=2.5, seed=0):
     """Time, and the reference's position, velocity and acceleration, each [n x 2], from one observation at 10 kHz."""
     n = round(duration / H)
     env = TwoLinkArmEnv(reference=reference, duration=duration, control_dt=H, physics_dt=H, preview=n)
-    observation, _ = env.reset(seed=seed)
-    now = [observation[env.layout[f"reference_{name}"]] for name in ("position", "velocity", "acceleration")]
-    rows = np.concatenate([np.concatenate(now)[None], observation[env.layout["preview"]].reshape(n, 6)])
-    return H * np.arange(n + 1), rows[:, :2], rows[:, 2:4], rows[:, 4:]
+    rows = env.reset(seed=seed)[0][env.layout.reference].reshape(n + 1, 3, 2)
+    return H * np.arange(n + 1), *rows.swapaxes(0, 1)
 
 
 def test_steps_start_at_the_first_level_and_jump_at_each_period():
@@ -60,20 +58,17 @@ def test_steps_start_at_the_first_level_and_jump_at_each_period():
     _, r, v, a = foreseen(reference)
     assert np.all(r[:10_000] == POINTS[1])
     assert np.all(r[10_000:] == POINTS[2])
-    assert not v.any()
-    assert not a.any()
+    assert not np.any([v, a])
 
 
 def test_filtered_steps_solve_the_filters_equation():
     """r'' = w^2 (s - r) - 2 w r', through every jump of s."""
     w = 6.0
     _, r, v, a = foreseen({"kind": "filtered-steps", "points": POINTS, "period": 0.7, "bandwidth": w}, duration=5.0)
-    target = np.array([POINTS[min(k // 7000 + 1, 2)] for k in range(50_001)])
+    target = np.array(POINTS)[np.minimum(np.arange(50_001) // 7000 + 1, 2)]
     np.testing.assert_allclose(a, w * w * (target - r) - 2 * w * v, atol=1e-9)
-    np.testing.assert_allclose(r[0], POINTS[0])
-    np.testing.assert_allclose(v[0], 0.0)
+    np.testing.assert_allclose([r[0], v[0], r[-1]], [POINTS[0], (0.0, 0.0), POINTS[2]], atol=1e-6)
     assert np.abs(np.diff(v, axis=0)).max() < 0.01  # no jump in velocity where the level jumps
-    np.testing.assert_allclose(r[-1], POINTS[2], atol=1e-6)
 
 
 def test_a_sine_reference_is_its_formula():
@@ -85,13 +80,11 @@ def test_a_sine_reference_is_its_formula():
 
 def test_an_array_reference_has_its_samples_rate_and_derivatives_and_holds_the_last():
     """Samples at 20 ms are read at 0.1 ms."""
-    samples = dict(
-        zip(("position", "velocity", "acceleration"), np.random.default_rng(0).normal(size=(3, 51, 2)), strict=True)
-    )
-    _, *motion = foreseen({"kind": "array", **samples, "dt": 0.02}, duration=1.5)
-    for seen, expected in zip(motion, samples.values(), strict=True):
-        np.testing.assert_allclose(seen[:10_001:200], expected, atol=1e-12)
-    np.testing.assert_allclose(motion[0][10_000:], np.broadcast_to(samples["position"][-1], (5001, 2)), atol=1e-12)
+    position, velocity, acceleration = samples = np.random.default_rng(0).normal(size=(3, 51, 2))
+    array = {"kind": "array", "position": position, "velocity": velocity, "acceleration": acceleration, "dt": 0.02}
+    _, *motion = foreseen(array, duration=1.5)
+    np.testing.assert_allclose(np.array(motion)[:, :10_001:200], samples, atol=1e-12)
+    np.testing.assert_allclose(motion[0][10_000:], np.broadcast_to(position[-1], (5001, 2)), atol=1e-12)
     assert not motion[1][10_001:].any()
 
 
@@ -127,16 +120,14 @@ def test_minimum_jerk_is_the_polynomial_of_flash_and_hogan(hold):
 
 @pytest.mark.parametrize("centre", [(0.5, -0.5), 0.0])
 def test_fourier_is_a_sum_of_sines_with_amplitudes_in_proportion_to_one_over_h(centre):
-    n, f, amplitude = 5, 1.0, np.array([1.0, 0.4])
-    reference = {"kind": "fourier", "frequency": f, "harmonics": n, "amplitude": amplitude, "centre": centre}
+    h, amplitude = np.arange(1, 6)[:, None], np.array([1.0, 0.4])
+    reference = {"kind": "fourier", "frequency": 1.0, "harmonics": 5, "amplitude": amplitude, "centre": centre}
     t, r, _, _ = foreseen(reference, duration=2.0)
-    h = np.arange(1, n + 1)
-    size = 1 / h / (1 / h).sum()
-    spectrum = np.fft.rfft(r[:10000] - np.array(centre), axis=0)[1 : n + 1] / 5000
-    np.testing.assert_allclose(np.abs(spectrum), np.outer(size, amplitude), atol=1e-10)
+    size = amplitude / h / (1 / h).sum()
+    spectrum = np.fft.rfft(r[:10000] - np.array(centre), axis=0)[1:6] / 5000
+    np.testing.assert_allclose(np.abs(spectrum), size, atol=1e-10)
     phase = np.angle(spectrum) + np.pi / 2
-    turn = 2 * np.pi * f * h[:, None] * t[:, None, None] + phase
-    size = size[:, None] * amplitude
+    turn = 2 * np.pi * h * t[:, None, None] + phase
     np.testing.assert_allclose(r, centre + (size * np.sin(turn)).sum(axis=1), atol=1e-9)
     assert np.ptp(phase) > 0.5
 
@@ -156,17 +147,13 @@ def test_preview_observation_and_truth_have_one_reference(reference):
     """To the bit, and whatever the duration of the episode."""
     motions, limits = [], {"position": 1e3, "velocity": 1e4}
     for duration in (5.0, 1.0):
-        env = TwoLinkArmEnv(reference=reference, duration=duration, preview=7, limits=limits)
-        rows = [(env.reset(seed=4)[0], env.truth), *((env.step((0.0, 0.0))[0], env.truth) for _ in range(100))]
-        true = [[t.reference, t.reference_velocity, t.reference_acceleration] for _, t in rows]
+        layout, seen, truths = play(100, 1, 4, reference=reference, duration=duration, preview=7, limits=limits)
+        true = [[t.reference, t.reference_velocity, t.reference_acceleration] for t in truths]
         motions.append(np.reshape(true, (101, 6)))
     np.testing.assert_array_equal(*motions)
-    seen, now = np.array([row for row, _ in rows]), motions[-1]
-    shown = seen[:, env.layout["reference_position"].start : env.layout["reference_acceleration"].stop]
-    np.testing.assert_array_equal(shown, now)
-    ahead = seen[:, env.layout["preview"]].reshape(101, 7, 6)
-    for k in range(7):
-        np.testing.assert_array_equal(ahead[: 100 - k, k], now[k + 1 :])
+    shown = seen[:, 0, layout.reference].reshape(101, 8, 6)
+    for k in range(8):
+        np.testing.assert_array_equal(shown[: 101 - k, k], motions[-1][k:])
 
 
 @pytest.mark.parametrize("path", ["sine.frequency", "fourier.centre", "fourier.amplitude", "filtered-steps.bandwidth"])
@@ -194,13 +181,10 @@ def test_all_levels_of_an_episode_are_drawn_uniformly_from_the_box(kind):
     reference = {"kind": kind, "low": low, "high": high, **times}
     env = TwoLinkArmVectorEnv(256, reference=reference, duration=0.4, control_dt=0.02, preview=19)
     ahead = env.reset(seed=0)[0][:, env.layout["preview"]].reshape(256, 19, 6)[:, :, :2]
-    levels = (ahead[:, 0::2] - low) / (high - low)  # 20 ms after each jump or start
+    levels = ((ahead[:, 0::2] - low) / (high - low)).reshape(256, -1).T  # 20 ms after each jump or start
     assert np.all((levels > -1e-9) & (levels < 1 + 1e-9))
-    for i in range(levels.shape[1]):
-        for joint in (0, 1):
-            assert stats.kstest(levels[:, i, joint], "uniform").pvalue > 1e-3
-    flat = levels.reshape(256, -1).T
-    assert np.abs(np.corrcoef(flat) - np.eye(len(flat))).max() < 0.3
+    assert min(stats.kstest(each, "uniform").pvalue for each in levels) > 1e-3
+    assert np.abs(np.corrcoef(levels) - np.eye(len(levels))).max() < 0.3
 
 
 def test_the_arm_starts_at_its_reference_plus_the_initial_error():
@@ -217,9 +201,8 @@ def test_the_arm_starts_at_its_reference_plus_the_initial_error():
 def test_a_single_point_is_a_constant_reference():
     for name in ("one-point", "one-level", "one-filtered-level", "one-sample"):
         _, r, v, a = foreseen(ANY[name], duration=0.5)
-        np.testing.assert_array_equal(r, np.broadcast_to(POINTS[0], r.shape), err_msg=name)
-        assert not v.any()
-        assert not a.any()
+        assert np.all(r == POINTS[0]), name
+        assert not np.any([v, a]), name
 
 
 @pytest.mark.parametrize(("arm", "load", "stated", "limit"), [

@@ -32,11 +32,9 @@ def _without_windows():
 
 def drawn(size=480, title="", disturbed=False, **changes):
     """Return the frame of an instant of an arm at rest, with some changes."""
-    pairs = {"lengths": (0.7, 0.5), "position": (0.6, 1.1), "reference": (0.6, 1.1)}
-    pairs |= dict.fromkeys(("bend", "applied_torque", "disturbance"), (0.0, 0.0))
-    truth = {"time": 0.0, "payload": 0.0, **pairs, **changes}
-    truth = {name: np.array(value) for name, value in truth.items()}
-    return draw(SimpleNamespace(**truth), title, size, disturbed)
+    truth = {"time": 0.0, "payload": 0.0, "lengths": (0.7, 0.5), "position": (0.6, 1.1), "reference": (0.6, 1.1)}
+    truth |= dict.fromkeys(("bend", "applied_torque", "disturbance"), (0.0, 0.0)) | changes
+    return draw(SimpleNamespace(**{name: np.array(x) for name, x in truth.items()}), title, size, disturbed)
 
 
 def mask(frame, colour):
@@ -116,11 +114,9 @@ def test_the_numbers_are_those_of_the_picture(monkeypatch):
 
 
 def test_drawing_changes_no_episode():
-    rng = np.random.default_rng(0)
     modes = (None, "rgb_array", "human")
     plain, *others = (started("everything-2", render_mode=mode, render_size=160, seed=1) for mode in modes)
-    for _ in range(20):
-        action = rng.uniform(-0.2, 0.2, 2)
+    for action in np.random.default_rng(0).uniform(-0.2, 0.2, (20, 2)):
         expected = plain.step(action)
         for env in others:
             env.render()
@@ -175,9 +171,7 @@ def test_the_window_shows_the_arm_that_moved_last():
 @pytest.mark.parametrize(("control_dt", "pictures"), [(0.1, 5), (0.01, 25), (0.001, 25)])
 def test_a_window_draws_at_most_fifty_pictures_a_second(monkeypatch, control_dt, pictures):
     frames = []
-    monkeypatch.setattr(
-        render, "draw", lambda _, __, size, *___: frames.append(1) or np.zeros((size, size, 3), np.uint8)
-    )
+    monkeypatch.setattr(render, "draw", lambda *_: frames.append(1) or np.zeros((480, 480, 3), np.uint8))
     monkeypatch.setattr(render, "_CLOCK", SimpleNamespace(tick=lambda _: None))
     env = started(render_mode="human", control_dt=control_dt, physics_dt=0.001)
     for _ in range(round(0.5 / control_dt)):
@@ -224,10 +218,10 @@ def test_a_vector_environment_draws_every_lane_as_a_single_one():
     for _ in range(5):
         frames = envs.render()
         assert type(frames) is tuple
-        for frame, env in zip(frames, singles, strict=True):
-            np.testing.assert_array_equal(frame, env.render())
-            env.step(ACTION)
+        np.testing.assert_array_equal(frames, [env.render() for env in singles])
         envs.step(np.tile(ACTION, (3, 1)))
+        for env in singles:
+            env.step(ACTION)
 
 
 def test_letters_survive_pygame_quit():

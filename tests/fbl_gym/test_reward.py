@@ -28,18 +28,17 @@ def test_the_reward_is_the_documented_equation(form, actuator):
 def test_without_torque_limits_only_tracking_counts():
     env = started(actuator=None, action="torque", reward={"tracking": "l1", "worst": 3.0})
     for k in range(30):
-        reward = env.step((500.0 * (-1) ** k, 0.0))[1]
-        error = np.abs(env.truth.reference - env.truth.position).sum()
+        reward, truth = env.step((500.0 * (-1) ** k, 0.0))[1], env.truth
+        error = np.abs(truth.reference - truth.position).sum()
         assert reward == pytest.approx(1 - min(error / 3.0, 1.0) / 1.12, abs=1e-12)
 
 
 @pytest.mark.parametrize("form", ["log", "l1"])
 def test_reward_has_a_slope_at_zero_error(form):
     """It is one at perfect tracking without effort or chatter, here of an arm that floats beside its reference."""
-    errors, rewards = np.array([0.0, 1e-6, 1e-4, 1e-2]), []
     still = {"reference": {"kind": "minimum-jerk", "points": [(0.0, 0.0)]}, "arm": {"gravity": 0.0}}
-    for error in errors:
-        env = started(reward={"tracking": form}, initial_error=(error, 0.0), **still)
-        rewards.append(env.step((0.0, 0.0))[1])
+    errors = (0.0, 1e-6, 1e-4, 1e-2)
+    envs = (started(reward={"tracking": form}, initial_error=(error, 0.0), **still) for error in errors)
+    rewards = [env.step((0.0, 0.0))[1] for env in envs]
     assert rewards[0] == 1.0
     assert np.all(np.diff(rewards) / np.diff(errors) < -0.1)

@@ -42,9 +42,8 @@ def test_a_file_changes_its_base_table_by_table(folder):
 
 
 def test_a_mapping_has_a_base_and_draws_replace_draws():
-    base = {"parameter_error": {"payload": {"mass": {"uniform": [0, 1]}, "pick_up": 1.0}}}
-    plain = as_scenario(base).to_dict()
-    choice = {"payload": {"mass": {"choice": [1, 2]}, "pick_up": 1.0}}
+    uniform, choice = ({"payload": {"mass": {kind: [1, 2]}, "pick_up": 1.0}} for kind in ("uniform", "choice"))
+    plain = as_scenario({"parameter_error": uniform}).to_dict()
     changed = as_scenario({**plain, "base": "nominal", "parameter_error": choice})
     assert changed.parameter_error.payload.mass.choice == (1.0, 2.0)
     assert as_scenario({"base": "noise-2"}).noise == scenarios.get("noise-2").noise
@@ -53,9 +52,8 @@ def test_a_mapping_has_a_base_and_draws_replace_draws():
 def test_environments_and_suites_take_files(folder):
     env = gym.make("fbl_gym/TwoLinkArm-v0", scenario=str(folder / "arm.toml"))
     assert env.unwrapped.interface.control_dt == 0.02
-    (folder / "suite.toml").write_text(
-        'policies = ["zero"]\nscenarios = ["arms/arm.toml", "noise-1", {base = "arm.toml", name = "third", duration = 2.0}]'
-    )
+    third = '{base = "arm.toml", name = "third", duration = 2.0}'
+    (folder / "suite.toml").write_text(f'policies = ["zero"]\nscenarios = ["arms/arm.toml", "noise-1", {third}]')
     assert [scenario.name for scenario in load(str(folder / "suite.toml")).scenarios] == ["arm", "noise-1", "third"]
     assert scenarios.get(f"{folder}/suite.toml:third").duration == 2.0
     assert scenarios.get(f"{folder}/suite.toml:noise-1") == scenarios.get("noise-1")

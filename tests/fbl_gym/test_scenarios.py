@@ -23,9 +23,8 @@ def test_every_named_scenario_runs_single_and_batched(name):
 
 
 def test_a_scenarios_family_severity_and_tier():
-    assert scenarios.member("mass-error-2@mujoco") == ("mass-error", 2, "ideal")
-    assert scenarios.member("nominal") == ("nominal", 0, "ideal")
-    assert scenarios.member("servo-noise-1") == ("noise", 1, "servo")
+    members = map(scenarios.member, ("mass-error-2@mujoco", "nominal", "servo-noise-1"))
+    assert [*members] == [("mass-error", 2, "ideal"), ("nominal", 0, "ideal"), ("noise", 1, "servo")]
     assert not any(map(scenarios.member, ("paper-8", "heavy-3", "noise", "noise-2~3f9a20")))
 
 
@@ -69,8 +68,7 @@ def test_options_replace_a_scenarios_fields_and_keep_the_rest():
 
 
 def test_the_papers_scenarios_run_at_the_papers_rates():
-    rates = {name: scenarios.get(name).control_dt for name in scenarios.names() if name.startswith("paper-")}
-    assert rates.pop("paper-6b") == 1e-4
-    assert set(rates.values()) == {1e-3}
-    assert all(scenarios.get(name).physics_dt == scenarios.get(name).control_dt for name in rates)
-    assert all("roject's choice" in scenarios.get(name).description for name in rates if name not in ("paper-3b",))
+    tasks = {name: scenarios.get(name) for name in scenarios.names() if name.startswith("paper-")}
+    assert tasks.pop("paper-6b").control_dt == 1e-4
+    assert {(task.control_dt, task.physics_dt) for task in tasks.values()} == {(1e-3, 1e-3)}
+    assert {name for name, task in tasks.items() if "roject's choice" not in task.description} <= {"paper-3b"}

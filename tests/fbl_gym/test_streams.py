@@ -34,9 +34,8 @@ def test_words_are_those_of_numpys_philox(case):
 
 
 def test_a_streams_key_is_the_start_of_its_names_hash():
-    digest = hashlib.sha256(b"position noise").hexdigest()
-    assert int(streams.stream_key("position noise")) == int(digest[:16], 16)
-    assert streams.stream_key("position noise") != streams.stream_key("velocity noise")
+    for name in ("position noise", "velocity noise"):
+        assert int(streams.stream_key(name)) == int(hashlib.sha256(name.encode()).hexdigest()[:16], 16)
 
 
 def test_uniforms_are_the_words_upper_bits():

@@ -78,11 +78,9 @@ def test_copies_forks_and_python_threads_step_alike():
     """A fork has no workers; of two threads of Python, one has them at a time."""
     env, actions = batch(scenario="everything-2"), np.full((LANES, 2), 0.1)
     env.step(actions)
-    others = [copy.deepcopy(env), pickle.loads(pickle.dumps(env))]
-    others += [copy.deepcopy(env) for _ in range(4)]
-    threads = [
-        threading.Thread(target=lambda env: [env.step(actions) for _ in range(50)], args=(one,)) for one in others
-    ]
+    others = [pickle.loads(pickle.dumps(env)), *(copy.deepcopy(env) for _ in range(5))]
+    steps = lambda env: [env.step(actions) for _ in range(50)]
+    threads = [threading.Thread(target=steps, args=(one,)) for one in others]
     for thread in threads:
         thread.start()
     reader, writer = os.pipe()
@@ -119,9 +117,8 @@ while {loops}:
 
 @pytest.mark.parametrize("loops", [False, True])
 def test_a_process_ends_by_itself_and_by_an_interrupt(loops):
-    process = subprocess.Popen(
-        [sys.executable, "-c", LOOP.format(loops=loops)], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
-    )
+    line, pipe = [sys.executable, "-c", LOOP.format(loops=loops)], subprocess.PIPE
+    process = subprocess.Popen(line, stdout=pipe, stderr=pipe, text=True)
     process.stdout.readline()
     if loops:
         process.send_signal(signal.SIGINT)

@@ -99,9 +99,8 @@ NO_TIP = chain().replace('<origin xyz="0.3 0 0"/></joint>\n    </robot>', "</joi
 ])  # fmt: skip
 def test_the_dynamics_equals_pinocchios(file, text, tolerance, doubts):
     """To rounding, or within what the file's reader says that it neglected."""
-    path = file(text)
-    assert doubts in "; ".join(read_robot(path).doubts)
-    assert (doubts == "") == (read_robot(path).doubts == [])
+    found = "; ".join(read_robot(path := file(text)).doubts)
+    assert (doubts in found, doubts == "") == (True, found == "")
     assert_equal_to(path, pinocchios(text), tolerance)
 
 
@@ -143,16 +142,10 @@ def test_torque_limits_of_mujocos_actuators(elbow, limit, doubt, tmp_path):
 
 
 def test_lengths_gravity_and_tilt(file):
-    arm, flat, tilted, turned, plain = (
-        read_robot(file(text)).arm
-        for text in (
-            chain(elbow="0.5 0.1 0"),
-            chain(elbow="0.4 0 0", centre2="0.12 0 0.1").replace("0 1 0", "0 0 1"),
-            chain(base='0 0 1" rpy="0.5 0 0'),
-            chain(axis2="0 -1 0"),
-            chain(),
-        )
-    )
+    flat = chain(elbow="0.4 0 0", centre2="0.12 0 0.1").replace("0 1 0", "0 0 1")
+    tilted, turned = chain(base='0 0 1" rpy="0.5 0 0'), chain(axis2="0 -1 0")
+    texts = chain(elbow="0.5 0.1 0"), flat, tilted, turned, chain()
+    arm, flat, tilted, turned, plain = (read_robot(file(text)).arm for text in texts)
     assert (arm.L1, arm.L2, arm.gravity) == (pytest.approx(0.5), pytest.approx(0.3), pytest.approx(9.81))
     assert (flat.gravity, tilted.gravity, turned) == (0.0, pytest.approx(9.81 * np.cos(0.5)), plain)
 
@@ -162,18 +155,17 @@ PENDUBOT = DRIVEN.replace("</robot>", '<transmission><joint name="shoulder"/></t
 FRICTION = DRIVEN.replace('velocity="1"/>', 'velocity="1"/><dynamics damping="0.001" friction="0.16"/>')
 
 
-@pytest.mark.parametrize(
-    ("text", "limit", "friction"),
-    [(DRIVEN, (12.0, 12.0), None), (PENDUBOT, (12.0, 0.0), None), (FRICTION, (12.0, 12.0), (0.16, 0.001))],
-)
+DRIVES = [(DRIVEN, (12.0, 12.0), None), (PENDUBOT, (12.0, 0.0), None), (FRICTION, (12.0, 12.0), (0.16, 0.001))]
+
+
+@pytest.mark.parametrize(("text", "limit", "friction"), DRIVES)
 def test_an_environment_takes_arm_drives_and_friction_and_says_so(file, text, limit, friction):
     path = file(text)
     message = f"(?s)theta1 = .*effort.*: {limit[0]:g}, {limit[1]:g}.*the velocity are not"
     message += "(?s:.*no <transmission> drives elbow: its torque limit is 0)" if text == PENDUBOT else ""
-    for make in (TwoLinkArmEnv, Scenario, lambda arm: as_scenario({"arm": arm})):
+    for make in (lambda arm: TwoLinkArmEnv(arm=arm).scenario, Scenario, lambda arm: as_scenario({"arm": arm})):
         with pytest.warns(RobotFileWarning, match=message):
-            made = make(arm=path)
-        scenario = getattr(made, "scenario", made)
+            scenario = make(arm=path)
         read = scenario.friction and (scenario.friction.coulomb[0], scenario.friction.viscous[1])
         assert (scenario.arm, scenario.actuator.torque_limit, read) == (read_robot(path).arm, limit, friction)
     assert Scenario.from_dict(scenario.to_dict()) == scenario  # without the file
@@ -191,10 +183,10 @@ def test_names_choose_joints_and_tip(file):
     ):
         with pytest.raises(ValueError, match=message):
             read_robot(f"{path}{names}")
-    arm, longer = (read_robot(f"{path}:shoulder,elbow,{tip}").arm for tip in ("tool", "0.5"))
-    assert (arm, longer.L2) == (read_robot(file(chain())).arm, 0.5)
+    arms = [read_robot(f"{path}:shoulder,elbow,{tip}").arm for tip in ("tool", "0.5")]
+    assert (arms[0], arms[1].L2) == (read_robot(file(chain())).arm, 0.5)
     two = file(chain(extra=BEHIND))
-    assert [read_robot(f"{two}:{tip}").arm for tip in ("tool", "0.5")] == [arm, longer]
+    assert [read_robot(f"{two}:{tip}").arm for tip in ("tool", "0.5")] == arms
     with pytest.raises(ValueError, match=r"payload needs the tip"), pytest.warns(RobotFileWarning):
         Scenario(arm=file(NO_TIP), parameter_error={"payload": 1.0})
 

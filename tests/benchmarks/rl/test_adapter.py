@@ -18,7 +18,7 @@ from fbl_gym.model.arm import forward_dynamics
 from tests.benchmarks.rl.agents import batch, random_actor
 
 MOTION = ("position", "velocity")
-PAYLOAD = {"mass": 10.0, "pick_up": 0.1, "drop": 0.2}
+ERROR = {"radius": 0.5, "payload": {"mass": 10.0, "pick_up": 0.1, "drop": 0.2}}
 
 
 def start(scenario, *settings, **more):
@@ -49,8 +49,7 @@ def test_an_agent_acts_as_in_training(action, history, preview, period):
     """
     second = "pid-flm" if action == "blend" else ""
     settings = AdapterSettings(action, second=second, history=history, preview=0.01 * preview, period=0.01 * period)
-    options = {"scenario": "everything-2", "duration": 0.3, "preview": preview}
-    options["parameter_error"] = {"radius": 0.5, "payload": PAYLOAD}
+    options = {"scenario": "everything-2", "duration": 0.3, "preview": preview, "parameter_error": ERROR}
     training = batch(3, settings, **options)
     plain = TwoLinkArmVectorEnv(3, **options, autoreset_mode="SameStep")
     agent = Agent(plain.interface, settings, random_actor(settings, plain.interface))
@@ -77,12 +76,9 @@ def test_an_agent_acts_as_in_training(action, history, preview, period):
 
 def test_history_holds_the_errors_and_actions_of_the_last_steps():
     env = batch(2, AdapterSettings(history=2), duration=0.1)
-    observations, actions = [env.reset(seed=1)[0]], []
+    actions = np.random.default_rng(0).uniform(-1, 1, (5, 2, 2)).astype(np.float32)
+    observations = [env.reset(seed=1)[0], *(env.step(action)[0] for action in actions)]
     np.testing.assert_array_equal(observations[0][:, 12:], 0)
-    rng = np.random.default_rng(0)
-    for _ in range(5):
-        actions.append(rng.uniform(-1, 1, (2, 2)).astype(np.float32))
-        observations.append(env.step(actions[-1])[0])
     errors = [observation[:, :12] for observation in observations]
     expected = np.concatenate([errors[5], errors[4], actions[4], errors[3], actions[3]], axis=-1)
     np.testing.assert_array_equal(observations[5], expected)
@@ -96,13 +92,10 @@ def test_an_agent_observes_compressed_errors_their_mean_and_steps_ever_further_b
     plain = AdapterSettings(sensors=MOTION)
     settings = AdapterSettings(sensors=MOTION, fine=(0.005, 0.05), integral=0.04, history=3, reach=0.08)
     envs = [batch(2, each, "servo-practice-nominal") for each in (plain, settings)]
-    rows = [[env.reset(seed=1)[0]] for env in envs]
-    rng, actions, mean = np.random.default_rng(0), [], np.zeros((2, 2))
-    for _ in range(9):
-        mean = 0.75 * mean + 0.25 * rows[0][-1][:, :2]
-        actions.append(rng.uniform(-1, 1, (2, 2)))
-        for env, each in zip(envs, rows, strict=True):
-            each.append(env.step(actions[-1])[0])
+    actions, mean = np.random.default_rng(0).uniform(-1, 1, (9, 2, 2)), np.zeros((2, 2))
+    rows = [[env.reset(seed=1)[0], *(env.step(action)[0] for action in actions)] for env in envs]
+    for row in rows[0][:9]:
+        mean = 0.75 * mean + 0.25 * row[:, :2]
     errors = [np.concatenate([np.arcsinh(20 * row[:, :4]), row[:, 4:]], axis=1) for row in rows[0]]
     past = [part for age in (1, 3, 8) for part in (errors[9 - age], actions[9 - age])]
     expected = np.concatenate([errors[9], *past, np.arcsinh(20 * mean)], axis=1)
@@ -134,11 +127,6 @@ def test_wrong_settings_are_refused(settings, message):
         AdapterSettings(**settings)
 
 
-def test_a_torque_is_a_share_of_the_drives_limits():
-    env, _, torque = start("servo-nominal", sensors=MOTION)
-    np.testing.assert_allclose(torque(1.0, -0.5)[0], env.interface.torque_limit * np.array([1.0, -0.5]))
-
-
 @pytest.mark.parametrize(("options", "settings", "message"), [
     ({"action": "torque", "actuator": {"torque_limit": None}}, {}, "actions are shares of torque limits"),
     ({"scenario": "servo-nominal"}, {}, "sensors of position, velocity, acceleration, got position, velocity"),
@@ -167,18 +155,15 @@ def test_a_blend_is_between_its_laws():
 def test_memory_is_the_running_mean_of_the_squares_of_errors_and_of_their_change():
     settings = AdapterSettings(memory=0.04, sensors=("position",), scales=(1.0, 1.0, 1.0))
     env = batch(1, settings, control_dt=0.01, duration=0.1)
-    rows = [env.reset(seed=1)[0]]
-    errors = [rows[0][:, :2]]
-    squares = np.tile(errors[0] ** 2, 2)
+    before = error = env.reset(seed=1)[0][:, :2]
+    squares = np.tile(error**2, 2)
     for _ in range(5):
-        rows.append(env.step(np.full((1, 2), 0.3))[0])
-        before = errors[-2] if len(errors) > 1 else errors[0]
-        squares = 0.75 * squares + 0.25 * np.concatenate([errors[-1], errors[-1] - before], axis=-1) ** 2
-        np.testing.assert_allclose(rows[-1][:, -4:], 0.25 * np.log(squares + 1e-6))
-        errors.append(rows[-1][:, :2])
-    for _ in range(5):
-        rows.append(env.step(np.zeros((1, 2)))[0])
-    np.testing.assert_allclose(rows[-1][:, -4:], 0.25 * np.log(np.tile(rows[-1][:, :2] ** 2, 2) + 1e-6))
+        row = env.step(np.full((1, 2), 0.3))[0]
+        squares = 0.75 * squares + 0.25 * np.concatenate([error, error - before], axis=-1) ** 2
+        np.testing.assert_allclose(row[:, -4:], 0.25 * np.log(squares + 1e-6))
+        before, error = error, row[:, :2]
+    *_, row = (env.step(np.zeros((1, 2)))[0] for _ in range(5))
+    np.testing.assert_allclose(row[:, -4:], 0.25 * np.log(np.tile(row[:, :2] ** 2, 2) + 1e-6))
 
 
 def test_the_memory_of_a_blend_has_the_difference_between_its_torques():
@@ -226,9 +211,7 @@ def test_an_agent_with_preview_sees_the_reference_of_five_coming_times():
     for scenario, steps in (("servo-nominal", (2, 4, 6, 8, 10)), ("direct-nominal", (10, 20, 30, 40, 50))):
         env = TwoLinkArmEnv(scenario, preview=settings.previewed(scenarios.get(scenario).control_dt))
         adapter = AgentAdapter(settings, env.interface)
-        observations = [env.reset(seed=0)[0].copy()]
-        for _ in range(100):
-            observations.append(env.step(np.zeros(2))[0].copy())
+        observations = [env.reset(seed=0)[0], *(env.step(np.zeros(2))[0] for _ in range(100))]
         now, *later = (observations[20 + step][adapter.interface.layout.reference[:6]] for step in (0, *steps))
         seen = adapter.observe(observations[20][None], adapter.initial(observations[20][None]))[0]
         expected = (np.array(later) - now) / np.repeat(settings.scales, 2)
@@ -238,11 +221,9 @@ def test_an_agent_with_preview_sees_the_reference_of_five_coming_times():
         assert adapter.size == len(seen) == 30 + without.size
 
 
-@pytest.mark.parametrize(
-    ("preview", "control_dt", "samples"), [(0.0, 0.01, 0), (0.1, 0.01, 10), (0.3, 0.1, 3), (1e-3, 0.01, 1)]
-)
-def test_the_samples_of_a_preview(preview, control_dt, samples):
-    assert AdapterSettings(preview=preview).previewed(control_dt) == samples
+def test_the_samples_of_a_preview():
+    for preview, control_dt, samples in ((0.0, 0.01, 0), (0.1, 0.01, 10), (0.3, 0.1, 3), (1e-3, 0.01, 1)):
+        assert AdapterSettings(preview=preview).previewed(control_dt) == samples
 
 
 def test_a_saved_agent_declares_its_preview_and_gets_it(tmp_path):

@@ -30,15 +30,13 @@ SCENARIO = scenarios.get("everything-2").replace(duration=0.2)
 PLAIN = AdapterSettings(sensors=("position", "velocity"))
 ON_POLICY = {"lanes": 4, "steps": 640, "arguments": {"n_steps": 20, "batch_size": 40, "learning_rate": 1e-3}}
 OFF_POLICY = {"lanes": 4, "steps": 200, "arguments": {"learning_starts": 20, "buffer_size": 300, "learning_rate": 1e-3}}
-
-
 SB3_PPO = {"lanes": 4, "steps": 200, "arguments": {"n_steps": 10, "batch_size": 20, "learning_rate": 1e-3}}
 
 
 def settings(algorithm="ppo", **changes):
     hyperparameters = {"ppo": ON_POLICY, "sb3-ppo": SB3_PPO}.get(algorithm, OFF_POLICY)
-    options = {"algorithm": algorithm, "scenarios": (SCENARIO,), "hyperparameters": hyperparameters, **changes}
-    return TrainingSettings(**options)
+    given = {"scenarios": (SCENARIO,), "hyperparameters": hyperparameters}
+    return TrainingSettings(**{"algorithm": algorithm, **given, **changes})
 
 
 def curve(folder):
@@ -53,8 +51,7 @@ def test_a_run_writes_the_agent_that_it_validated(algorithm, tmp_path):
     assert description["command"] == "fbl-gym train"
     assert description["packages"]["stable-baselines3"]
     assert bool(list(tmp_path.rglob("events.*"))) == (algorithm != "ppo")
-    assert description["scenario"] == SCENARIO.to_dict()
-    assert points[-1][0] == settings(algorithm).steps
+    assert (description["scenario"], points[-1][0]) == (SCENARIO.to_dict(), settings(algorithm).steps)
     assert description["validation_mrad"] == min(error for _, error in points)
     env = TwoLinkArmVectorEnv(len(VALIDATION), SCENARIO)
     error = tracking_error(Agent(env.interface, *read(tmp_path)), env, VALIDATION).mean()
@@ -64,7 +61,7 @@ def test_a_run_writes_the_agent_that_it_validated(algorithm, tmp_path):
 def test_an_agent_trains_on_several_scenarios_side_by_side(tmp_path, capsys):
     names = ["servo-practice-nominal", "servo-practice-delay-3"]
     each = tuple(scenarios.get(name).replace(duration=0.2) for name in names)
-    adapter = AdapterSettings("residual", history=2, drive=True, preview=0.05, sensors=("position", "velocity"))
+    adapter = dataclasses.replace(PLAIN, action="residual", history=2, drive=True, preview=0.05)
     train(settings(scenarios=each, adapter=adapter), tmp_path, evaluations=2)
     alone = validate(adapter, adapter.base, each)
     assert capsys.readouterr().err.startswith(f"{adapter.base} alone: validation {alone:.3f} mrad")
@@ -78,21 +75,23 @@ def test_the_validation_of_several_scenarios_is_that_of_a_board(tmp_path):
     train(settings(), tmp_path, evaluations=1)
     tasks = [scenarios.get(name).replace(duration=0.3) for name in ("everything-1", "everything-2")]
     traces = [rollout(str(tmp_path), task, VALIDATION) for task in tasks]
-    logs = [np.log(row["error_mrad"]) for trace in traces for row in measure(trace)]
+    errors = np.array([[row["error_mrad"] for row in measure(trace)] for trace in traces])
     # `error_mrad` also counts the first sample, whose error is that of the initial state.
-    steps = np.array([[len(trace.time) - 1] * len(VALIDATION) for trace in traces]).ravel()
-    first = np.concatenate([1e3 * np.abs(t.reference - t.position)[0].mean(axis=-1) for t in traces])
-    expected = np.exp(np.log((np.exp(logs) * (steps + 1) - first) / steps).mean())
+    first = [1e3 * np.abs(trace.reference - trace.position)[0].mean(axis=-1) for trace in traces]
+    steps = tasks[0].steps
+    expected = np.exp(np.log((errors * (steps + 1) - first) / steps).mean())
     assert validate(*read(tmp_path), tasks) == pytest.approx(expected, rel=1e-6)
 
 
 def test_each_scenario_has_enough_lanes_and_a_seed_for_each():
-    each, least = tuple(map(scenarios.get, scenarios.in_tier("servo-practice", (3,)))), training_settings.LEAST_LANES
-    assert TrainingSettings("sac", scenarios=each).lanes == TrainingSettings("sac").lanes == least
-    assert TrainingSettings("ppo", scenarios=each).lanes == shipped_hyperparameters("ppo")["lanes"] // len(each)
-    blend = AdapterSettings("blend", second="lqg")
-    assert TrainingSettings("ppo", blend, each[:10]).lanes == shipped_hyperparameters("ppo", "blend")["lanes"] // 10
-    assert TrainingSettings("ppo", blend).lanes == SEEDS_PER_RUN
+    each, blend = (
+        tuple(map(scenarios.get, scenarios.in_tier("servo-practice", (3,)))),
+        AdapterSettings("blend", second="lqg"),
+    )
+    lanes = shipped_hyperparameters("ppo")["lanes"], shipped_hyperparameters("ppo", "blend")["lanes"]
+    given = ("sac", PLAIN, each), ("sac",), ("ppo", PLAIN, each), ("ppo", blend, each[:10]), ("ppo", blend)
+    expected = *[training_settings.LEAST_LANES] * 2, lanes[0] // len(each), lanes[1] // 10, SEEDS_PER_RUN
+    assert tuple(TrainingSettings(*arguments).lanes for arguments in given) == expected
     with pytest.raises(ValueError, match="not above 2000, got 2001"):
         TrainingSettings("ppo", scenarios=each[:2], hyperparameters=shipped_hyperparameters("ppo") | {"lanes": 2001})
 
@@ -102,22 +101,18 @@ def test_a_run_trains_on_the_motions_of_its_scenarios_and_on_others_that_no_boar
     assert TrainingSettings("ppo", scenarios=tasks).practice == [*tasks]
     practice, motions = TrainingSettings("ppo", scenarios=tasks, moves=True).practice, training_settings.MOTIONS
     assert [task.reference for task in practice[:4]] == [tasks[0].reference, *motions]
-    assert {task.reference for task in practice} == {
-        tasks[0].reference,
-        *motions,
-    }  # saturation has its turn with others
+    assert {task.reference for task in practice} == {tasks[0].reference, *motions}  # saturation takes turns, too
     assert not any(map(scenarios.held_out_reason, practice))
 
 
 def test_a_run_trains_on_drawn_arms_too():
     tasks = tuple(map(scenarios.get, scenarios.in_tier("geared-practice", (3,))))
-    drawn = TrainingSettings("ppo", scenarios=tasks, arms=2)
+    drawn, again, new = (TrainingSettings("ppo", scenarios=tasks, arms=2, seed=seed) for seed in (0, 0, 1))
     assert drawn.lanes == drawn.hyperparameters["lanes"] // (3 * len(tasks))
     assert drawn.practice[: len(tasks)] == [*tasks]
+    assert drawn.practice == again.practice != new.practice
     others = drawn.practice[len(tasks) :]
     assert len({other.arm for other in others} - {task.arm for task in tasks}) == len(others) == 2 * len(tasks)
-    assert others == TrainingSettings("ppo", scenarios=tasks, arms=2).practice[len(tasks) :]
-    assert others != TrainingSettings("ppo", scenarios=tasks, arms=2, seed=1).practice[len(tasks) :]
     assert not any(map(scenarios.held_out_reason, others))
     for task, other in zip(tasks + tasks, others, strict=True):
         usual = scenarios.as_scenario({"base": task.name, "arm": dataclasses.asdict(other.arm)})
@@ -157,18 +152,17 @@ def test_an_episode_that_time_ends_has_its_last_observation():
     lanes = _Arms([batch(2, PLAIN, "servo-practice-nominal", duration=0.03)])
     lanes.reset(0)
     seen, _, _, cut, last = zip(*(lanes.step(np.full((2, 2), 0.1, np.float32)) for _ in range(3)), strict=True)
-    assert [each.tolist() for each in cut] == [[False] * 2, [False] * 2, [True] * 2]
     same = [torch.equal(*(x[:, : lanes.observed] for x in pair)) for pair in zip(seen, last, strict=True)]
-    assert same == [True, True, False]
+    assert ([each.tolist() for each in cut], same) == ([[False] * 2, [False] * 2, [True] * 2], [True, True, False])
 
 
 def test_a_run_repeats_and_its_seed_and_reward_matter(tmp_path):
     """The reward of the hyperparameters is the environment's, whose default has a resolution of 1e-3."""
     results = []
-    for k, (seed, reward) in enumerate(((0, {}), (0, {"resolution": 1e-3}), (1, {}), (0, {"resolution": 1e-4}))):
-        hyperparameters = ON_POLICY | ({"reward": reward} if reward else {})
-        train(settings(seed=seed, hyperparameters=hyperparameters), tmp_path / str(k), evaluations=3)
-        results.append((curve(tmp_path / str(k)), read(tmp_path / str(k))[1].layers[0][0].tolist()))
+    for seed, reward in ((0, {}), (0, {"resolution": 1e-3}), (1, {}), (0, {"resolution": 1e-4})):
+        hyperparameters, folder = ON_POLICY | ({"reward": reward} if reward else {}), tmp_path / str(len(results))
+        train(settings(seed=seed, hyperparameters=hyperparameters), folder, evaluations=3)
+        results.append((curve(folder), read(folder)[1].layers[0][0].tolist()))
     assert results[0] == results[1]
     assert results[0][0] != results[3][0]
     assert results[0][1] != results[2][1]
@@ -203,10 +197,9 @@ def test_a_stopped_run_goes_on_and_a_finished_one_is_extended(algorithm, tmp_pat
     assert curve(tmp_path) == after
     assert f"the run has {given.steps:,} steps already" in capsys.readouterr().err
     train(settings(algorithm, steps=2 * given.steps), tmp_path, evaluations=2)
-    steps = [n for n, _ in curve(tmp_path)]
-    assert steps == sorted(set(steps))
-    assert steps[-1] == 2 * given.steps
-    assert curve(tmp_path)[: len(after)] == after
+    steps, _ = zip(*(longer := curve(tmp_path)), strict=True)
+    assert list(steps) == sorted(set(steps))
+    assert (steps[-1], longer[: len(after)]) == (2 * given.steps, after)
 
 
 class Marker:
@@ -231,11 +224,10 @@ def test_a_run_of_some_processor_time_ends(tmp_path):
     assert describe(tmp_path)["wall_s"] < 60
 
 
-@pytest.mark.parametrize("algorithm", training_settings.ALGORITHMS)
-def test_shipped_hyperparameters_state_their_tuning(algorithm):
-    hyperparameters = shipped_hyperparameters(algorithm)
-    assert set(hyperparameters) == {"tuned", "lanes", "steps", "arguments"}
-    assert len(hyperparameters["tuned"]) > 20
+def test_shipped_hyperparameters_state_their_tuning():
+    for hyperparameters in map(shipped_hyperparameters, training_settings.ALGORITHMS):
+        assert set(hyperparameters) == {"tuned", "lanes", "steps", "arguments"}
+        assert len(hyperparameters["tuned"]) > 20
 
 
 @pytest.mark.parametrize(("changes", "message"), [
@@ -271,7 +263,7 @@ def test_settings_without_a_length_take_the_steps_of_the_hyperparameters():
 @pytest.fixture
 def short(folder):
     """A folder with hyperparameters of a short run."""
-    (folder / "short.json").write_text(json.dumps({"ppo": ON_POLICY | {"steps": 80}}))
+    (folder / "short.json").write_text(json.dumps({"ppo": ON_POLICY}))
     return folder
 
 
@@ -301,8 +293,7 @@ def test_options_reach_the_agent(short, fbl_gym):
     ("--hyperparameters none.json", 4, {}, "none.json must be JSON with an entry 'ppo': JSONDecodeError"),
 ])  # fmt: skip
 def test_a_mistake_is_answered_with_what_is_right(options, lanes, arguments, message, short, fbl_gym):
-    content = json.loads((short / "short.json").read_text())["ppo"] | {"lanes": lanes}
-    content["arguments"] |= arguments
+    content = ON_POLICY | {"lanes": lanes, "arguments": ON_POLICY["arguments"] | arguments}
     (short / "short.json").write_text(json.dumps({"ppo": content}))
     (short / "none.json").touch()
     assert message in fbl_gym(f"{SHORT} {options}", 2).err

@@ -13,8 +13,6 @@ import pytest
 from benchmarks import speed
 from fbl_gym import TwoLinkArmVectorEnv
 
-ROWS = [{"name": "peer", "ratio": 1.0, "peer": ""}, {"name": "arm", "ratio": 8.0, "peer": "peer"}]
-
 
 def test_rates_are_environments_per_second(monkeypatch):
     monkeypatch.setattr(speed, "ROUND_S", 0.02)
@@ -46,10 +44,9 @@ def test_the_decisions_of_an_arm_and_of_a_batch_are_measured(policy, monkeypatch
     monkeypatch.setattr(speed, "measure_decisions", partial(speed.measure_decisions, turns=1))
     monkeypatch.setattr(sys, "argv", ["speed", "--decisions", policy])
     speed.main()
-    name, *times = capsys.readouterr().out.splitlines()[-1].split()
+    name, one, many = capsys.readouterr().out.splitlines()[-1].split()
     assert name == policy
-    assert all(0 < int(time) < 1e6 for time in times)
-    assert len(times) == 2
+    assert all(0 < int(time) < 1e6 for time in (one, many))
 
 
 def test_decisions_go_on_after_an_episode():
@@ -59,8 +56,8 @@ def test_decisions_go_on_after_an_episode():
 
 def test_ratios_are_compared_with_a_baseline():
     """A contestant that the baseline lacks is left out."""
-    assert speed.compare(ROWS, [ROWS[0], ROWS[1] | {"ratio": 4.0}]) == {"arm": 2.0}
-    assert speed.compare(ROWS, ROWS[:1]) == {}
+    peer, arm = rows = [{"name": "peer", "ratio": 1.0, "peer": ""}, {"name": "arm", "ratio": 8.0, "peer": "peer"}]
+    assert [speed.compare(rows, baseline) for baseline in ([peer, arm | {"ratio": 4.0}], [peer])] == [{"arm": 2.0}, {}]
 
 
 def test_the_command_prints_and_stores_the_measurements(monkeypatch, tmp_path, capsys):
