@@ -28,11 +28,11 @@ from fbl_gym.kernel.step.pool import cores
 from fbl_gym.model.arm import Array
 from fbl_gym.reading import read_text
 
+#: A function that takes one step, and returns the number of environments that it stepped.
 Contestant: TypeAlias = Callable[[], int]
-"""A function that takes one step, and returns the number of environments that it stepped."""
 
+#: Duration of a contestant's turn in each round [s].
 ROUND_S = 0.1
-"""Duration of a contestant's turn in each round [s]."""
 
 BUSY: dict[str, Any] = {
     "friction": {"coulomb": 10.0, "stiction": 10.0},
@@ -153,14 +153,14 @@ def compare(rows: list[dict[str, Any]], baseline: list[dict[str, Any]]) -> dict[
     return {row["name"]: row["ratio"] / before[key] for row in rows if (key := (row["name"], row["peer"])) in before}
 
 
+#: Of the single arm, and of a batch at 1 kHz with its number of arms.
 SCENARIO, BATCH, ARMS = "servo-delay-2", "geared-delay-2", 32
-"""Of the single arm, and of a batch at 1 kHz with its number of arms."""
 
+#: First decisions, which do not count.
 WARM_UP = 50
-"""First decisions, which do not count."""
 
+#: Decisions of a policy before those of the next one.
 TURN = 100
-"""Decisions of a policy before those of the next one."""
 
 
 def decisions(policy: str) -> Iterator[float]:

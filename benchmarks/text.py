@@ -5,11 +5,10 @@ from collections.abc import Iterator
 from typing import TextIO
 
 _CONTROL = (*range(32), *range(127, 160), 0x61C, 0x200E, 0x200F, *range(0x2028, 0x202F), *range(0x2066, 0x206A))
+#: Escapes of control characters and of those that turn the order of text, for `str.translate`.
+#:
+#: JSON, TOML, Python and JavaScript read them as the same characters.
 ESCAPES = {code: f"\\u{code:04x}" for code in _CONTROL if chr(code) not in "\t\n"}
-"""Escapes of control characters and of those that turn the order of text, for `str.translate`.
-
-JSON, TOML, Python and JavaScript read them as the same characters.
-"""
 
 
 def visible(text: str) -> str:
@@ -22,8 +21,8 @@ def say(text: str, file: TextIO | None = None) -> None:
     print(visible(text), file=file, flush=True)
 
 
+#: Characters of an error that are kept.
 LONGEST = 2000
-"""Characters of an error that are kept."""
 
 
 def text_of(problem: BaseException) -> str:

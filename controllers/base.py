@@ -19,14 +19,14 @@ from fbl_gym.model.arm import Array, gravity_torque, inertia_matrix
 from fbl_gym.records.checks import Pair
 from fbl_gym.records.record import Record, number, pair  # noqa: F401
 
+#: A `NamedTuple` of arrays with a row for each lane, or of such states; () for a law without.
 State: TypeAlias = Any
-"""A `NamedTuple` of arrays with a row for each lane, or of such states; () for a law without."""
 
+#: A gain: one number, or one for each joint.
 Gain: TypeAlias = Pair | float
-"""A gain: one number, or one for each joint."""
 
+#: A policy may know nothing of the arm, the nominal model, or the truth (shown, but not ranked).
 ACCESS = ("none", "nominal", "oracle")
-"""A policy may know nothing of the arm, the nominal model, or the truth (shown, but not ranked)."""
 
 
 class IntegralState(NamedTuple):

@@ -23,11 +23,11 @@ from fbl_gym.options import SENSORS, Limits
 from fbl_gym.records.checks import check_choices
 from fbl_gym.records.record import declarations, declared, set_fields
 
+#: The observer, with its default gains, for a sensor that is missing where no observer is named.
 DEFAULT = "eso"
-"""The observer, with its default gains, for a sensor that is missing where no observer is named."""
 
+#: What a law declares of itself that a composed law declares too.
 KEPT = ("access", "preview", "uses", "packages", "data_files")
-"""What a law declares of itself that a composed law declares too."""
 
 
 class ComposedState(NamedTuple):

@@ -12,8 +12,8 @@ from fbl_gym.interface import Interface
 from fbl_gym.kernel.arm import prediction
 from fbl_gym.model.arm import ArmParameters, Array
 
+#: Largest velocity of a prediction [rad/s], which keeps the numbers of a diverging arm finite.
 FASTEST = 200.0
-"""Largest velocity of a prediction [rad/s], which keeps the numbers of a diverging arm finite."""
 
 
 class Acting(NamedTuple):

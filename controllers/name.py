@@ -37,12 +37,13 @@ from fbl_gym.model.arm import ArmParameters
 from fbl_gym.reading import read_bytes
 from fbl_gym.scenarios.classes import CLASSES
 
+#: Folder of tuned gains: `fbl-gym tune POLICY --class CLASS --ship` writes CLASS/POLICY.json.
 TUNED = Path(__file__).with_name("tuned")
-"""Folder of tuned gains: `fbl-gym tune POLICY --class CLASS --ship` writes CLASS/POLICY.json."""
 
+#: Names of tuned gains: those for the class of the robot at hand, or for a given class.
 TUNINGS = ("tuned", *CLASSES)
-"""Names of tuned gains: those for the class of the robot at hand, or for a given class."""
 
+#: The forms of a name, each with the text of its code; the first that fits counts.
 FORMS = {
     "archive": r"(?P<source>.+\.zip)",
     "file": r"(?P<source>.+\.py)(?::(?P<attribute>\w+))?",
@@ -50,7 +51,6 @@ FORMS = {
     "module": r"(?P<source>[^:]+):(?P<attribute>[^\W\d]\w*)",
     "folder": r"(?P<source>.*[/\\].*)",
 }
-"""The forms of a name, each with the text of its code; the first that fits counts."""
 
 _ENDS = r"(?P<parts>(?:\+[\w-]+)*)(?P<gains>(?:@.*)?)"
 

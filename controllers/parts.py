@@ -16,8 +16,8 @@ from fbl_gym.model.arm import Array
 from fbl_gym.records.checks import Pair
 from fbl_gym.records.record import Record, number, pair
 
+#: Tuning range of an observer's bandwidth [rad/s].
 TUNE = (15.0, 300.0)
-"""Tuning range of an observer's bandwidth [rad/s]."""
 
 
 @dataclass(frozen=True)
@@ -297,8 +297,8 @@ class Barrier(Record):
         return np.minimum(np.maximum(least, slowest), most), np.maximum(np.minimum(most, quickest), least)
 
 
+#: The observers, by name.
 OBSERVERS: dict[str, type[Eso | Kalman]] = {"kalman": Kalman, "eso": Eso}
-"""The observers, by name."""
 
+#: All parts, by name.
 PARTS: Mapping[str, type] = {**OBSERVERS, "predictor": Predictor, "springs": Springs, "barrier": Barrier}
-"""All parts, by name."""

@@ -28,8 +28,8 @@ from fbl_gym.records.checks import check_choice, unknown
 
 KINDS = ("classical", "learned")
 
+#: Attributes by which the factory of a policy declares something; no gain has such a name.
 DECLARED = ("access", "data_files", "kind", "missing", "needs", "packages", "preview", "uses")
-"""Attributes by which the factory of a policy declares something; no gain has such a name."""
 
 ENTRY_POINTS = "fbl_gym.policies"
 
@@ -68,8 +68,8 @@ def register(
     _REGISTRY[name] = _Entry(factory, summary, access, check_choice("kind", kind, KINDS))
 
 
+#: The built-in laws by name, each with its module, its summary, and its access if not "nominal".
 CATALOGUE = tomllib.loads(Path(__file__).with_name("catalogue.toml").read_text(encoding="utf-8"))
-"""The built-in laws by name, each with its module, its summary, and its access if not "nominal"."""
 
 for _name, _law in CATALOGUE.items():
     _path = f"controllers.{_law['module']}:{_name.title().replace('-', '')}"

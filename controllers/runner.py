@@ -22,15 +22,15 @@ from fbl_gym.records.checks import Pair, check_number, check_pair
 from fbl_gym.records.record import ends
 from fbl_gym.scenarios import Scenario, as_scenario
 
+#: The signals of a log, each with its unit in the names of the columns.
 _UNITS = {"position": "rad", "velocity": "rad_s", "acceleration": "rad_s2", "reference": "rad", "torque": "Nm"}
-"""The signals of a log, each with its unit in the names of the columns."""
 
+#: A reading that stays the same is a fault once its joint must have turned by `TURNED`, or its
+#: reference has gone on by `LEFT`, as shares of `max_error`.
 TURNED, LEFT = 1 / 5, 1 / 2
-"""A reading that stays the same is a fault once its joint must have turned by `TURNED`, or its
-reference has gone on by `LEFT`, as shares of `max_error`."""
 
+#: Dry friction that any joint may have, as a share of its torque limit.
 LEAST_FRICTION = 1 / 4
-"""Dry friction that any joint may have, as a share of its torque limit."""
 
 
 class Runner:

@@ -6,8 +6,8 @@ import stat
 import zlib
 from pathlib import Path
 
+#: Size of the largest file that is read, after unpacking [bytes].
 LARGEST = 100_000_000
-"""Size of the largest file that is read, after unpacking [bytes]."""
 
 
 def read_bytes(path: str | Path, most: int = LARGEST) -> bytes:

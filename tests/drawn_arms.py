@@ -28,16 +28,16 @@ from fbl_gym.scenarios import Scenario
 from fbl_gym.scenarios.class_families import conditions, families
 from fbl_gym.scenarios.classes import CLASSES
 
+#: A first choice is good if it errs at most WITHIN times as much as the best tuned law.
 WITHIN = 1.5
-"""A first choice is good if it errs at most WITHIN times as much as the best tuned law."""
 
 LAWS = (
     "pid-gravity", "computed-torque", "computed-torque-dob", "sliding-mode", "h-infinity", "lqg", "l1-adaptive",
     "slotine-li", "lqg-elastic",
 )  # fmt: skip
 TRIALS, MARGINS = 12, (LEAST_PHASE, LEAST_DELAY)
+#: Laws, trials, margins and database of the longer search.
 STORAGE = "sqlite:///results/drawn.db?timeout=60"
-"""Laws, trials, margins and database of the longer search."""
 
 
 def draw(number: int) -> Scenario:

@@ -12,12 +12,12 @@ import tempfile
 from pathlib import Path
 
 ROOT = Path(__file__).parents[1]
+#: Functions, and the files of tests of which one must fail, by the file of the functions.
 TARGETS = {
     "model/arm": ("lumped_terms inertia_terms coriolis_terms gravity_terms solve_terms", "arm"),
     "kernel/arm/physics": ("load_on_joints _stage moved weighted hold lump", "physics friction"),
     "model/chain": ("segment_terms chain_inertia chain_load reduce_terms bend_terms", "flexible mujoco"),
 }
-"""Functions, and the files of tests of which one must fail, by the file of the functions."""
 
 
 def mutants(path, functions):

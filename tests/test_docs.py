@@ -38,8 +38,8 @@ from fbl_gym.records.record import declarations
 
 ROOT = Path(__file__).parents[1]
 FILES = [*sorted(ROOT.glob("*.md")), *sorted((ROOT / "docs").rglob("*.md"))]
+#: Text of every page by its path.
 PAGES = {str(path.relative_to(ROOT)): path.read_text(encoding="utf-8") for path in FILES}
-"""Text of every page by its path."""
 
 NOTEBOOKS = sorted((ROOT / "docs" / "notebooks").glob("*.ipynb"))
 PYPROJECT, MAKEFILE = ((ROOT / name).read_text(encoding="utf-8") for name in ("pyproject.toml", "Makefile"))
@@ -122,8 +122,8 @@ def test_what_python_imports_exists(block):
             assert not inspect.ismodule(module) or hasattr(module, node.attr), ast.unparse(node)
 
 
+#: Bash prints the words of each command in place of running it.
 EXPAND = 'exec 3>&1; command_not_found_handle() { printf "%s\\0" "$@" "" >&3; }; PATH=/none; set -f\n'
-"""Bash prints the words of each command in place of running it."""
 
 
 def commands(text):
@@ -167,8 +167,9 @@ def test_commands_in_the_text_exist(page):
         assert find_spec(module), module
 
 
+#: What makes code and commands of pages and examples short; arguments of examples, and what they
+#: print.
 SHORTER, SHORT, ARGUMENTS, PRINTED = tomllib.loads((ROOT / "tests/shorter.toml").read_text(encoding="utf-8")).values()
-"""What makes code and commands of pages and examples short; arguments of examples, and what they print."""
 
 
 def shortened(text):
@@ -223,14 +224,14 @@ def folder(tmp_path, monkeypatch):
             del sys.modules[name]
 
 
+#: Pages that take more than some ten seconds. `make test` runs them where pages or names changed.
 SLOW = (
     "how-to/identify", "how-to/offline-learning", "how-to/recommend", "how-to/tune", "reference/classes",
     "reference/controllers/oracles", "reference/tracking", "results/performance", "start/examples", "start/your-robot",
 )  # fmt: skip
-"""Pages that take more than some ten seconds. `make test` runs them where pages or names changed."""
 
+#: Pages that take minutes. `make test-long` runs them.
 SLOWEST = ("how-to/rl-tracks", "results/agents", "results/mujoco", "start/a-day-with-a-robot")
-"""Pages that take minutes. `make test-long` runs them."""
 
 RUN = [page for page in PAGES if any(not b.reason and (b.file or b in PYTHON + SHELL) for b in BLOCKS[page])]
 
@@ -275,10 +276,10 @@ def test_a_page_runs(page):
 
 
 EXAMPLES = {path.stem: path.read_text() for path in sorted((ROOT / "examples").glob("*.py"))}
+#: Examples that pages run, and `controllers/test_runner.py`.
 ELSEWHERE = {
     "swing_up", "train_sb3", "run_on_robot", "priced_ppo", "class_speed", "returns", "few_trainings", "option_ratio",
 }  # fmt: skip
-"""Examples that pages run, and `controllers/test_runner.py`."""
 
 
 @pytest.mark.parametrize("name", [name for name in EXAMPLES if name not in ELSEWHERE])

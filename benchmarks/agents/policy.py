@@ -8,8 +8,8 @@ from benchmarks.agents.agent import Agent, describe, files, read, settings_of
 from fbl_gym.interface import Interface
 from fbl_gym.records.checks import unknown
 
+#: Folder of the shipped agents: NAME/TRAINING_SEED, or NAME/CLASS/TRAINING_SEED for each class.
 SHIPPED = Path(__file__).parent / "shipped"
-"""Folder of the shipped agents: NAME/TRAINING_SEED, or NAME/CLASS/TRAINING_SEED for each class."""
 
 
 def shipped() -> dict[str, tuple[int, ...]]:

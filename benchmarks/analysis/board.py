@@ -17,10 +17,10 @@ from fbl_gym import scenarios
 from fbl_gym.model.arm import Array
 from fbl_gym.scenarios.classes import CLASSES
 
+#: A board is ranked in the first of these tiers that it has.
 RANKED_FIRST = (
     *CLASSES, "ideal", *(tier for tier in scenarios.TIERS if tier.endswith(("surprise", "practice"))), "worlds"
 )  # fmt: skip
-"""A board is ranked in the first of these tiers that it has."""
 
 
 @dataclass(frozen=True)

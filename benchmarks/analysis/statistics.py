@@ -22,8 +22,8 @@ from fbl_gym.model.arm import Array
 
 LEVEL = 0.95
 
+#: Share of the draws on each side of an interval.
 TAIL = (1 - LEVEL) / 2
-"""Share of the draws on each side of an interval."""
 
 RESAMPLES = 2000
 

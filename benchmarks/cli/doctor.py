@@ -30,6 +30,7 @@ def run(arguments: argparse.Namespace) -> int:
     return max(_check_readings(), _self_check())
 
 
+#: A scenario of each class, which has a compiled step of its own, and readings without errors.
 CLASSES: dict[str, dict[str, Any]] = {
     "plain": {},
     "friction": {"friction": {"coulomb": 1.0}},
@@ -37,7 +38,6 @@ CLASSES: dict[str, dict[str, Any]] = {
     "springs": {"joint": {"stiffness": 4000.0, "rotor_inertia": 0.5}},
     "bending": {"link": 10.0},
 }
-"""A scenario of each class, which has a compiled step of its own, and readings without errors."""
 
 
 def _compile() -> None:

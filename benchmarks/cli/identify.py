@@ -19,8 +19,8 @@ from benchmarks.text import say
 from fbl_gym import scenarios
 from fbl_gym.model.arm import Array
 
+#: Lengths of the rollouts of `--validate` [s].
 HORIZONS = (0.1, 0.5, 1.0)
-"""Lengths of the rollouts of `--validate` [s]."""
 
 
 def run(arguments: argparse.Namespace) -> int:

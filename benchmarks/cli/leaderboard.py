@@ -18,8 +18,8 @@ from benchmarks.text import say
 from fbl_gym import scenarios
 from fbl_gym.scenarios.classes import CLASSES
 
+#: Policies of a board that the short form prints, and those of `--policy`.
 SHOWN = 10
-"""Policies of a board that the short form prints, and those of `--policy`."""
 
 
 def suites_of(arguments: argparse.Namespace) -> list[Suite]:

@@ -23,8 +23,8 @@ from fbl_gym import __version__
 COMMANDS: dict[str, dict[str, Any]] = tomllib.loads(
     Path(__file__).with_name("commands.toml").read_text(encoding="utf-8")
 )
+#: The commands, the arguments that several have, and the modules that each extra installs.
 SHARED, EXTRAS = COMMANDS.pop("shared"), COMMANDS.pop("extras")
-"""The commands, the arguments that several have, and the modules that each extra installs."""
 
 CORES = os.cpu_count() or 1
 

@@ -22,20 +22,20 @@ from fbl_gym.view import picture
 from fbl_gym.view.picture import BLUE, INK, PAPER, RULE, VERMILLION, Frame, pair, pygame
 from fbl_gym.view.render import View
 
+#: Width of a picture; heights of a strip with a signal and of a line of text; margin [pixels].
 SIZE, STRIP, LINE, PAD = 480, 90, 20, 17
-"""Width of a picture; heights of a strip with a signal and of a line of text; margin [pixels]."""
 
+#: Pictures per second.
 FPS = 20
-"""Pictures per second."""
 
+#: Pictures whose error and torque the strips show.
 SHOWN = 5 * FPS
-"""Pictures whose error and torque the strips show."""
 
+#: Duration of an episode, if none is given [s].
 ROUND = 60.0
-"""Duration of an episode, if none is given [s]."""
 
+#: Standard deviation of the noise that a key adds to position [rad] and velocity [rad/s].
 NOISE = (2e-3, 2e-2)
-"""Standard deviation of the noise that a key adds to position [rad] and velocity [rad/s]."""
 
 HELP = "drag: target   drag a link: push   p: payload   d: drop   b: weaker drive 2   n: noise   r: again   q: quit"
 

@@ -17,11 +17,11 @@ from fbl_gym.model.arm import Array, inertia_matrix, inverse_dynamics
 from fbl_gym.options.link import straight_chain
 from fbl_gym.records.record import Distribution, declarations, ends, middle
 
+#: Slower vibrations of a link [Hz] are taken for a mistake of units.
 SLOWEST = 0.5
-"""Slower vibrations of a link [Hz] are taken for a mistake of units."""
 
+#: The seeds whose references the torque of the motion is taken from.
 SEEDS = range(32)
-"""The seeds whose references the torque of the motion is taken from."""
 
 
 def run(arguments: argparse.Namespace) -> int:

@@ -25,11 +25,11 @@ from benchmarks.text import say
 from fbl_gym import scenarios
 from fbl_gym.records.checks import Pair
 
+#: A value of an option: of both joints, or one for each.
 Value: TypeAlias = float | Pair
-"""A value of an option: of both joints, or one for each."""
 
+#: Most cells of a sweep.
 MOST_CELLS = 100_000
-"""Most cells of a sweep."""
 
 
 def over(text: str) -> tuple[str, str, list[Value], bool]:

@@ -18,8 +18,8 @@ from benchmarks.identification.model import INDEX, PARAMETERS, Windows, arm_of, 
 from fbl_gym.model.arm import Array
 from fbl_gym.scenarios import Scenario
 
+#: Terms that stay if they lower the error of windows that were not fitted.
 TERMS = {"stiction": ("stiction 1", "stiction 2"), "lag": ("lag",)}
-"""Terms that stay if they lower the error of windows that were not fitted."""
 
 STEP = 0.03  # change of a scaled number for a derivative: across many stops of the joints, since these are not smooth
 ZERO_SPREAD = 0.1  # standard deviation of a log's zero of the angles, before its motion is known [rad]
@@ -44,8 +44,8 @@ CHECK = (
     "motions"
 )
 
+#: What a log may have wrong, by the words for what is to be checked.
 MISTAKES = tomllib.loads(Path(__file__).with_name("mistakes.toml").read_text(encoding="utf-8"))
-"""What a log may have wrong, by the words for what is to be checked."""
 
 
 @dataclass(frozen=True)

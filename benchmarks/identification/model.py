@@ -27,8 +27,8 @@ POINTS = 10  # comparisons in a window, at equal times
 PAD = 60  # samples before each log in which its first command acts
 DELAYS = tuple(np.arange(0.0, 0.025, 0.004))  # that a linear fit tries [s]
 
+#: The numbers of an arm [16], and the motion that identifies each.
 PARAMETERS: dict[str, str] = tomllib.loads(Path(__file__).with_name("parameters.toml").read_text(encoding="utf-8"))
-"""The numbers of an arm [16], and the motion that identifies each."""
 
 INDEX = {name: i for i, name in enumerate(PARAMETERS)}
 

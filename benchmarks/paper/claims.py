@@ -15,17 +15,17 @@ from benchmarks.report.markdown import table
 from benchmarks.report.plot import plot_lines
 from fbl_gym.records.checks import unknown
 
+#: The kinds of a case. Stated: the paper's values, with misprints corrected, or other readings of
+#: them. Open: a value that the paper leaves open is not the project's first choice. Control: a
+#: value contradicts the paper; it counts for no verdict.
 STATED, OPEN, CONTROL = "stated", "open", "control"
-"""The kinds of a case. Stated: the paper's values, with misprints corrected, or other readings of
-them. Open: a value that the paper leaves open is not the project's first choice. Control: a value
-contradicts the paper; it counts for no verdict."""
 
+#: Cases of a claim in the short form: the first values, and the most favourable ones.
 SHORT = 2
-"""Cases of a claim in the short form: the first values, and the most favourable ones."""
 
+#: A measured claim: its texts, both verdicts, and `cases`, each with kind, values, measured value,
+#: seeds that meet the claim, and "yes" or "no".
 Measured: TypeAlias = dict[str, Any]
-"""A measured claim: its texts, both verdicts, and `cases`, each with kind, values, measured value,
-seeds that meet the claim, and "yes" or "no"."""
 
 
 class Claim(NamedTuple):

@@ -12,20 +12,20 @@ from benchmarks.run.metrics import departure, measure
 from benchmarks.run.rollout import Trace, rollout
 from fbl_gym import SECTION_2_2, TABLE_1, Noise, Scenario, scenarios
 
+#: Episodes of a random scenario. All of them must meet a claim: 39 are not enough.
 SEEDS = 40
-"""Episodes of a random scenario. All of them must meet a claim: 39 are not enough."""
 
+#: The real arms on which claims are measured: that of §2.2 as printed, and that of Table 1.
 ARMS = {"§2.2": SECTION_2_2, "Table 1": TABLE_1}
-"""The real arms on which claims are measured: that of §2.2 as printed, and that of Table 1."""
 
+#: Estimates over the real values, of all parameters or of m1, m2, L1, L2.
 ESTIMATES: dict[str, Any] = {"exact": 1.0, "half": 0.5, "1.5 times": 1.5, "double": 2.0, "mixed": (0.5, 2.0, 2.0, 0.5)}
-"""Estimates over the real values, of all parameters or of m1, m2, L1, L2."""
 
+#: Variance of a sample on each sensor. For a signal of unit power, 1 dB is a variance of 0.794.
 VARIANCES = {"variance 0.1": 0.1, "1 dB": 10**-0.1, "σ 0.01": 1e-4}
-"""Variance of a sample on each sensor. For a signal of unit power, 1 dB is a variance of 0.794."""
 
+#: A reference that stays at the hanging position.
 HANGING = {"kind": "minimum-jerk", "points": ((-np.pi / 2, 0.0),)}
-"""A reference that stays at the hanging position."""
 
 
 def at_rate(scenario: Scenario, rate: str, **options: Any) -> Scenario:

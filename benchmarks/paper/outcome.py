@@ -9,15 +9,15 @@ from benchmarks.analysis.statistics import Estimate, proportion
 from benchmarks.report.plot import Panel
 from fbl_gym.model.arm import Array
 
+#: The values of a case, by name, as texts such as "2 rad/s"; `number` reads them.
 Values: TypeAlias = Mapping[str, Any]
-"""The values of a case, by name, as texts such as "2 rad/s"; `number` reads them."""
 
+#: The metrics of each seed, by name.
 Rows: TypeAlias = dict[str, Array]
-"""The metrics of each seed, by name."""
 
+#: A claim holds in a case if the 95 % interval of the share of seeds that meet it lies above this.
+#: A diverged run does not meet it.
 LEAST = 0.9
-"""A claim holds in a case if the 95 % interval of the share of seeds that meet it lies above this.
-A diverged run does not meet it."""
 
 
 class Outcome(NamedTuple):

@@ -13,11 +13,11 @@ from controllers.paper.gain_scheduling import FORMS, schedule
 from fbl_gym import Friction, TwoLinkArmVectorEnv, scenarios
 from fbl_gym.model.arm import STANDARD_GRAVITY, Array, forward_dynamics, regressor
 
+#: alpha_ij of (46), the project's choice: at rest the gains are 21 times as large.
 ALPHA: Any = ((20.0, 0.0), (0.0, 20.0))
-"""alpha_ij of (46), the project's choice: at rest the gains are 21 times as large."""
 
+#: The friction of figure 8, with Coulomb friction, by the law that sticks.
 STICTION: Any = scenarios.get("paper-8").friction
-"""The friction of figure 8, with Coulomb friction, by the law that sticks."""
 
 
 def _friction(factor: float = 1.0, **changes: Any) -> Friction:
@@ -176,8 +176,8 @@ def soft_scheduling(v: Values) -> Outcome:
     return Outcome(slower & (results["soft"]["diverged"] == 0), f"errors at rest and the torque's variation: {text}")
 
 
+#: Gravity torque on joint 1 of Table 1's nominal arm, stretched out [N m].
 GRAVITY = 314.0
-"""Gravity torque on joint 1 of Table 1's nominal arm, stretched out [N m]."""
 
 _LAWS_10: dict[str, tuple[str, dict[str, Any]]] = {
     "adaptive, scheduled": ("adaptive-flm", {"alpha": ALPHA}),

@@ -39,8 +39,8 @@ from fbl_gym.records.checks import check_number
 with contextlib.suppress(ImportError):  # Windows
     import resource
 
+#: Bytes of a call's prints that are shown, when it has ended.
 MOST_PRINTED = 20_000
-"""Bytes of a call's prints that are shown, when it has ended."""
 
 Answer = TypeVar("Answer")
 Item = TypeVar("Item")
@@ -144,12 +144,12 @@ def _call(files: Sequence[IO[bytes]], seconds: float) -> int:
         return int.from_bytes(status, "little")
 
 
+#: Longest time until the server begins a call [s]: it may have to compile the kernel.
 LONGEST_START = 600.0
-"""Longest time until the server begins a call [s]: it may have to compile the kernel."""
 
 _SERVING = threading.Lock()
+#: The server of this process, by the process's number: a copy of this process needs its own.
 _SERVERS: dict[int, tuple[socket.socket, "subprocess.Popen[bytes]"]] = {}
-"""The server of this process, by the process's number: a copy of this process needs its own."""
 
 
 def _server() -> tuple[socket.socket, "subprocess.Popen[bytes]"]:
@@ -200,11 +200,11 @@ def _search_path() -> list[str]:
     return [*standard, *(folder for folder in sys.path if folder and folder not in standard)]
 
 
+#: Time between two looks at the call [s].
 INTERVAL = 0.005
-"""Time between two looks at the call [s]."""
 
+#: Size of the largest file that a call may write, its prints included [bytes].
 MOST_WRITTEN = 1_000_000_000
-"""Size of the largest file that a call may write, its prints included [bytes]."""
 
 
 def _divide(parent: socket.socket) -> list[int]:

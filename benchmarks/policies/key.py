@@ -24,9 +24,13 @@ from typing import Any
 from fbl_gym.neighbours import ROOT
 from fbl_gym.reading import read_bytes
 
+#: The packages of fbl-gym.
 PACKAGES = ("benchmarks", "controllers", "fbl_gym")
-"""The packages of fbl-gym."""
 
+#: The code that every result runs through: arm, rollout, metrics, margins, and the bases of laws.
+#:
+#: Any law is composed where a sensor that it needs is absent. The options of a scenario are part of
+#: a cell's key themselves.
 SHARED = (
     "fbl_gym/*.py", "fbl_gym/engines/*.py", "fbl_gym/envs/*.py", "fbl_gym/kernel/**/*.py", "fbl_gym/model/*.py",
     "fbl_gym/options/*.py", "fbl_gym/records/*.py", "fbl_gym/scenarios/scenario.py", "controllers/base.py",
@@ -34,17 +38,12 @@ SHARED = (
     "controllers/numerics/*.py", "controllers/oracles/true_arm.py", "benchmarks/run/metrics.py",
     "benchmarks/run/rollout.py", "benchmarks/run/linearize.py", "benchmarks/run/loop.py",
 )  # fmt: skip
-"""The code that every result runs through: arm, rollout, metrics, margins, and the bases of laws.
 
-Any law is composed where a sensor that it needs is absent. The options of a scenario are part of
-a cell's key themselves.
-"""
-
+#: The modules of policies: each counts for those that use it.
 LAWS = ("controllers.laws.", "controllers.paper.", "controllers.oracles.", "benchmarks.agents.")
-"""The modules of policies: each counts for those that use it."""
 
+#: Libraries that every result runs through; a result states their versions.
 PINNED = ("gymnasium", "llvmlite", "numba", "numpy", "scipy")
-"""Libraries that every result runs through; a result states their versions."""
 
 
 def data_digest(data: Any) -> str:

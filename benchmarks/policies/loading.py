@@ -22,8 +22,8 @@ from controllers.composition import compose
 from controllers.name import PolicyName
 from fbl_gym.records.checks import unknown
 
+#: The factory in a file or module where no attribute is named.
 ATTRIBUTE = "make_policy"
-"""The factory in a file or module where no attribute is named."""
 
 
 class NotFound(ValueError):
@@ -134,11 +134,11 @@ def _load_file(path: Path) -> ModuleType:
     return module
 
 
+#: Beginning of the name of a module that a file makes.
 FILE_MODULE = "fbl_gym_external_"
-"""Beginning of the name of a module that a file makes."""
 
+#: Modules that external policies imported from folders, which may have changed since.
 IMPORTED: set[str] = set()
-"""Modules that external policies imported from folders, which may have changed since."""
 
 
 @contextlib.contextmanager

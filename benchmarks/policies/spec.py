@@ -169,8 +169,8 @@ def names() -> tuple[str, ...]:
     return (*registry.names(), *registry.tuned())
 
 
+#: A policy: its specification, its name, or its text.
 PolicyLike: TypeAlias = PolicySpec | PolicyName | str
-"""A policy: its specification, its name, or its text."""
 
 
 def resolve(policy: PolicyLike, limits: CallLimits | None = None, *, trust: bool = False) -> PolicySpec:

@@ -20,12 +20,12 @@ from fbl_gym.neighbours import ROOT
 
 VARIABLE = "environ"
 
+#: Events that only count where the policy's code itself asks.
 DIRECT = ("ctypes.dlopen", VARIABLE)
-"""Events that only count where the policy's code itself asks."""
 
 PROCESS = ("os.exec", "os.fork", "os.posix_spawn", "os.spawn", "os.startfile", "os.system", "subprocess.Popen")
+#: Events that no key can cover.
 NETWORK = ("socket.bind", "socket.connect", "socket.getaddrinfo", "socket.gethostbyname")
-"""Events that no key can cover."""
 
 EVENTS = {"open", "import", "sqlite3.connect", *DIRECT, *PROCESS, *NETWORK}
 

@@ -18,8 +18,8 @@ from benchmarks.analysis.statistics import Estimate
 from benchmarks.run.metrics import MARGINS
 from fbl_gym.model.arm import Array
 
+#: The tables that have a column; the page has all columns.
 ALL, PAGE_AND_MARKDOWN, NONE = "all", "page and Markdown", "none"
-"""The tables that have a column; the page has all columns."""
 
 DECLARED: dict[str, dict[str, Any]] = tomllib.loads(
     Path(__file__).with_name("columns.toml").read_text(encoding="utf-8")

@@ -9,8 +9,8 @@ from benchmarks.files import replacing
 from benchmarks.run.metrics import METRICS
 from benchmarks.text import visible
 
+#: The runs of a cell: values of its columns, seeds, and metrics of each seed; none if it failed.
 Runs: TypeAlias = tuple[Sequence[Any], Sequence[int], Sequence[Mapping[str, float]]]
-"""The runs of a cell: values of its columns, seeds, and metrics of each seed; none if it failed."""
 
 
 def write_runs(path: Path, columns: Sequence[str], cells: Iterable[Runs]) -> None:

@@ -11,11 +11,11 @@ from benchmarks.report.columns import ALL, PAGE_AND_MARKDOWN, Column, columns_of
 from benchmarks.report.page import render
 from fbl_gym.scenarios.classes import CLASSES
 
+#: The lines of a file between which the leaderboard is written.
 BEGIN, END = "<!-- leaderboard -->", "<!-- /leaderboard -->"
-"""The lines of a file between which the leaderboard is written."""
 
+#: Number of first rows of each board in the README.
 ROWS = 5
-"""Number of first rows of each board in the README."""
 
 
 def table(header: Sequence[str], rows: Iterable[Sequence[str]]) -> str:

@@ -13,18 +13,18 @@ from benchmarks.files import write_text
 from benchmarks.report.columns import columns
 from benchmarks.run.store import Result
 
+#: Colours that colour-blind readers tell apart, on light and on dark paper.
 COLORS = ("#2a86c8", "#dd6a20", "#1c9a74", "#c468a0", "#6d7ff0", "#b98710", "#8a8a8a")
-"""Colours that colour-blind readers tell apart, on light and on dark paper."""
 
+#: Plotly's names of marks; with the colours, those of 49 policies differ.
 MARKS = ("circle", "square", "diamond", "triangle-up", "x", "cross", "star")
-"""Plotly's names of marks; with the colours, those of 49 policies differ."""
 
+#: Largest share of lost runs of a policy in the figure: a run that ended needs no torque.
 MOST_LOST = 0.1
-"""Largest share of lost runs of a policy in the figure: a run that ended needs no torque."""
 
 _TICKS = [digit * 10.0**decade for decade in range(-4, 6) for digit in (1, 2, 5)]
+#: A logarithmic axis with whole numbers at 1, 2 and 5 of each decade.
 LOG = {"type": "log", "tickvals": _TICKS, "ticktext": [f"{x:,.6g}" for x in _TICKS]}
-"""A logarithmic axis with whole numbers at 1, 2 and 5 of each decade."""
 
 
 def pareto(board: Board) -> dict[str, Any] | None:

@@ -19,21 +19,21 @@ from benchmarks.run.metrics import errors
 from benchmarks.run.rollout import Trace
 from fbl_gym.model.arm import Array
 
+#: Okabe and Ito's colours, which colour-blind readers tell apart.
 COLORS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#56B4E9", "#E69F00", "#000000")
-"""Okabe and Ito's colours, which colour-blind readers tell apart."""
 
 MARKERS = "osD^vx+"
+#: Markers and dashes tell lines apart in grey print: those of 28 lines differ.
 DASHES = ("-", "--", "-.", ":")
-"""Markers and dashes tell lines apart in grey print: those of 28 lines differ."""
 
+#: Width of a figure over one or two columns of the IEEE's journals [in].
 WIDTHS = {1: 3.5, 2: 7.16}
-"""Width of a figure over one or two columns of the IEEE's journals [in]."""
 
+#: Matplotlib's settings for every figure, as a style sheet.
 STYLE = Path(__file__).with_name("figures.mplstyle")
-"""Matplotlib's settings for every figure, as a style sheet."""
 
+#: A band's lower edge, its line and its upper edge, as quantiles of the seeds.
 QUANTILES = (0.1, 0.5, 0.9)
-"""A band's lower edge, its line and its upper edge, as quantiles of the seeds."""
 
 
 @dataclass(frozen=True)

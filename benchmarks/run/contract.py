@@ -27,12 +27,12 @@ from fbl_gym.scenarios import as_scenario
 
 ARMS, FEW = 3, 30
 
+#: Fewest steps of the episode, if it is not over, and time after the last event [s].
 LEAST_STEPS, AFTER = 1000, 0.5
-"""Fewest steps of the episode, if it is not over, and time after the last event [s]."""
 
+#: Largest difference of the actions of a batch and of one arm, as a fraction of the limits. A
+#: network in single precision rounds differently for matrices of different sizes.
 LAST_BITS = 1e-4
-"""Largest difference of the actions of a batch and of one arm, as a fraction of the limits. A
-network in single precision rounds differently for matrices of different sizes."""
 
 
 class Check(NamedTuple):

@@ -28,26 +28,25 @@ from fbl_gym.records.record import Distribution, ends, scaled
 from fbl_gym.scenarios import Scenario, as_scenario
 from fbl_gym.scenarios.classes import CLASSES
 
+#: A point within the default motion at which gravity acts on both joints [rad].
 POINT: Pair = (-1.0, 0.5)
-"""A point within the default motion at which gravity acts on both joints [rad]."""
 
+#: The slots of the observation that depend on the arm. The reference is held.
 MEASURED = ("position", "velocity", "acceleration", "previous_actions")
-"""The slots of the observation that depend on the arm. The reference is held."""
 
+#: An arm that is not at rest after so long [s] does not come to rest without dry friction.
 SETTLING = 10.0
-"""An arm that is not at rest after so long [s] does not come to rest without dry friction."""
 
+#: A policy whose state has more numbers is not linearised, since that would take minutes.
 MOST_NUMBERS = 2_000
-"""A policy whose state has more numbers is not linearised, since that would take minutes."""
 
+#: Steps of the difference quotients: shares of each quantity, absolute where it is below 1.
 STEPS = (1e-5, 1e-6)
-"""Steps of the difference quotients: shares of each quantity, absolute where it is below 1."""
 
+#: Parts of the steps that are tried at a kink.
+#:
+#: A law that mixes two settings is smooth, and bends within some 1e-6 rad.
 FINER = (0.1, 0.01)
-"""Parts of the steps that are tried at a kink.
-
-A law that mixes two settings is smooth, and bends within some 1e-6 rad.
-"""
 
 
 def linearize(
@@ -121,11 +120,10 @@ def _loop_at(
     return _loop(scenario, interface, truth, actor, observation, state, error)
 
 
+#: Number of arms whose margins a result has, and least number of its seeds.
+#:
+#: Margins take longer than the runs of a short board, which has 8 seeds.
 ARMS, LEAST_SEEDS = 8, 16
-"""Number of arms whose margins a result has, and least number of its seeds.
-
-Margins take longer than the runs of a short board, which has 8 seeds.
-"""
 
 
 def has_margins(policy: PolicySpec, scenario: Scenario, seeds: Sequence[int]) -> bool:

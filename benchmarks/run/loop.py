@@ -16,20 +16,19 @@ from threadpoolctl import threadpool_limits
 from fbl_gym.model.arm import Array
 from fbl_gym.records.checks import Pair
 
+#: The phase margin [degrees] and delay margin [samples] that a policy should have.
 LEAST_PHASE, LEAST_DELAY = 30.0, 0.5
-"""The phase margin [degrees] and delay margin [samples] that a policy should have."""
 
+#: Largest modulus of an eigenvalue that counts as stable.
+#:
+#: Rounding moves the eigenvalue 1 of a constant state.
 UNIT_CIRCLE = 1.0 + 1e-6
-"""Largest modulus of an eigenvalue that counts as stable.
 
-Rounding moves the eigenvalue 1 of a constant state.
-"""
-
+#: The longest delay that is tried [s].
 LONGEST_DELAY = 1.0
-"""The longest delay that is tried [s]."""
 
+#: The factors of the loop's gain that are tried.
 GAIN_FACTORS = np.geomspace(1.0, 1e3, 61)[1:]
-"""The factors of the loop's gain that are tried."""
 
 
 class NotLinear(ValueError):

@@ -16,33 +16,32 @@ from benchmarks.run.rollout import Trace
 from fbl_gym.model.arm import Array
 from fbl_gym.options import FilteredSteps, Steps
 
+#: Largest error of a joint [rad]; a joint whose run has diverged has it too.
 WORST_ERROR = np.pi
-"""Largest error of a joint [rad]; a joint whose run has diverged has it too."""
 
+#: A reference rests when it stands still at least this long [s].
+#:
+#: The steady-state error is that of the last quarter of each rest.
 REST = 0.2
-"""A reference rests when it stands still at least this long [s].
 
-The steady-state error is that of the last quarter of each rest.
-"""
-
+#: A step has settled when the joint stays within this share of the step.
 BAND = 0.02
-"""A step has settled when the joint stays within this share of the step."""
 
+#: Counts of an ideal sensor, as if it were a very good encoder: the resolution is never 0.
 FINEST = 2.0**20
-"""Counts of an ideal sensor, as if it were a very good encoder: the resolution is never 0."""
 
+#: An event's level before is the largest error of the last LOOK_BACK seconds. The error is back
+#: when it stays near that level for HOLD seconds.
 LOOK_BACK, HOLD = 1.0, 0.5
-"""An event's level before is the largest error of the last LOOK_BACK seconds. The error is back
-when it stays near that level for HOLD seconds."""
 
+#: Near is within NEAR times the level before, which is at least LEAST_LEVEL [rad].
 NEAR, LEAST_LEVEL = 1.5, 1e-3
-"""Near is within NEAR times the level before, which is at least LEAST_LEVEL [rad]."""
 
+#: Name and meaning of each metric, in the order of the columns.
 METRICS: dict[str, str] = tomllib.loads(Path(__file__).with_suffix(".toml").read_text(encoding="utf-8"))
-"""Name and meaning of each metric, in the order of the columns."""
 
+#: The metrics that are of the linearised loop and not of a trace.
 MARGINS = ("phase_deg", "delay_samples", "gain_margin", "sensitivity")
-"""The metrics that are of the linearised loop and not of a trace."""
 
 
 def errors(trace: Trace) -> Array:

@@ -73,11 +73,11 @@ def make_env(policy: PolicySpec, scenario: Scenario, lanes: int | None, action: 
     return TwoLinkArmEnv(scenario, **options) if lanes is None else TwoLinkArmVectorEnv(lanes, scenario, **options)
 
 
+#: A signal to record after each step: a function of the environment, the policy and its state.
 Watch: TypeAlias = Callable[[TwoLinkArmVectorEnv, Any, Any], Array]
-"""A signal to record after each step: a function of the environment, the policy and its state."""
 
+#: Most numbers of a lane in an array of a policy's state that is recorded.
 LARGEST = 16
-"""Most numbers of a lane in an array of a policy's state that is recorded."""
 
 
 def action_of(scenario: Scenario) -> str:

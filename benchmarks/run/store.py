@@ -29,11 +29,10 @@ from benchmarks.run.metrics import METRICS
 from benchmarks.text import visible
 from fbl_gym.reading import read_bytes
 
+#: Layout of a result's file.
+#:
+#: The names in METRICS are part of the layout. Files of another layout are left alone and not read.
 FORMAT = 6
-"""Layout of a result's file.
-
-The names in METRICS are part of the layout. Files of another layout are left alone and not read.
-"""
 
 
 class Damaged(ValueError):

@@ -96,23 +96,23 @@ class SuiteSpec:
         return Suite(self.name, specs, chosen, self.seeds if seeds is None else seeds)
 
 
+#: Seeds of a suite's short form.
 SHORT_SEEDS = 8
-"""Seeds of a suite's short form."""
 
+#: Agents that were trained with an accelerometer, which the classes of robots lack.
 NEEDS_ACCELERATION = ("crossq", "sac", "td3", "tqc")
-"""Agents that were trained with an accelerometer, which the classes of robots lack."""
 
+#: Laws for repeated trials, and for another goal than the reference.
 OTHER_TASKS = ("computed-torque-ilc", "swing-up")
-"""Laws for repeated trials, and for another goal than the reference."""
 
+#: The paper's controllers. They appear as printed, too, where they have tuned gains.
 PAPER = ("pid-flm", "cascade-flm", "robust-flm", "adaptive-flm")
-"""The paper's controllers. They appear as printed, too, where they have tuned gains."""
 
+#: The built-in suites, each with one line on it.
 SUITES = {
     robot: f"{kind.text}; every policy, tuned where it can be, severity 2 and surprise, 32 seeds"
     for robot, kind in CLASSES.items()
 } | {"ideal": "every policy, tuned where it can be, on the paper's assumptions at severity 2, 32 seeds"}
-"""The built-in suites, each with one line on it."""
 
 
 def _built_in(name: str) -> SuiteSpec:

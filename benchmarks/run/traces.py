@@ -10,12 +10,12 @@ from benchmarks.files import replacing
 from benchmarks.run.rollout import Trace
 from fbl_gym.model.arm import Array
 
+#: The unit of each signal in a file, at the end of its name. A policy's state has none.
 UNITS = {
     "position": "rad", "velocity": "rad_s", "reference": "rad", "command": "Nm", "torque": "Nm", "disturbance": "Nm",
     "payload": "kg", "measured_position": "rad", "measured_velocity": "rad_s", "measured_acceleration": "rad_s2",
     "motor_position": "rad", "motor_velocity": "rad_s",
 }  # fmt: skip
-"""The unit of each signal in a file, at the end of its name. A policy's state has none."""
 
 
 def table(trace: Trace) -> dict[str, Array]:

@@ -33,20 +33,20 @@ from fbl_gym.scenarios import Scenario
 from fbl_gym.scenarios.class_families import LEAST, conditions
 from fbl_gym.scenarios.classes import CLASSES
 
+#: Runs cells and returns their results by id. A failed one has an error.
 Run = Callable[[Sequence[Cell]], Mapping[str, Result]]
-"""Runs cells and returns their results by id. A failed one has an error."""
 
+#: Policies that go on from the scenario alone to its conditions.
 SCREENED = 8
-"""Policies that go on from the scenario alone to its conditions."""
 
+#: Tunes the laws of some policies, the best first, and names those with new gains.
 Tune = Callable[[Sequence[str]], Sequence[str]]
-"""Tunes the laws of some policies, the best first, and names those with new gains."""
 
+#: A policy is not safe if the lower bound of its share of diverged runs is above this one.
 SAFE_DIVERGED = 0.01
-"""A policy is not safe if the lower bound of its share of diverged runs is above this one."""
 
+#: A policy is not safe if it errs more than this share of the motionless baseline.
 SAFE_ERROR = 0.5
-"""A policy is not safe if it errs more than this share of the motionless baseline."""
 
 RULE = (
     "safe: phase and delay margin are not below those asked for, if they are known; in the scenario itself, and in all "
@@ -54,20 +54,20 @@ RULE = (
     f"interval), and the error is below {SAFE_ERROR:g} of that of the motionless baseline"
 )
 
+#: Joints of which one alone vibrates at a lower rate [Hz] count as elastic.
 SPRINGY = 25.0
-"""Joints of which one alone vibrates at a lower rate [Hz] count as elastic."""
 
+#: Dry friction above this share of the arm's weight is that of the class `geared`.
 MUCH_FRICTION = 0.14
-"""Dry friction above this share of the arm's weight is that of the class `geared`."""
 
+#: An arm is between two classes if the distances of both differ by no more than that.
 BETWEEN = 0.5
-"""An arm is between two classes if the distances of both differ by no more than that."""
 
+#: What a condition pushes; "everything" pushes all but the saturation, half as far.
 KINDS = (
     "parameters", "payload", "delay", "lag", "friction", "disturbance", "noise", "elastic", "torque constant", "data sheet",
     "saturation",
 )  # fmt: skip
-"""What a condition pushes; "everything" pushes all but the saturation, half as far."""
 
 
 @dataclass(frozen=True)

@@ -27,8 +27,8 @@ from fbl_gym.model.arm import ArmParameters, Array, stretched_inertia
 from fbl_gym.scenarios.class_families import conditions, families
 from fbl_gym.scenarios.classes import CLASSES
 
+#: The board has severity 2.
 SEVERITY = 3
-"""The board has severity 2."""
 
 
 def draw(number: int, robot: str, family: str) -> tuple[Scenario, tuple[int, ...]]:

@@ -10,14 +10,14 @@ from controllers.base import Acting, Gain, State, number
 from controllers.laws.computed_torque import ComputedTorque
 from fbl_gym.model.arm import STANDARD_GRAVITY, Array, gravity_torque
 
+#: Number of random cosines.
 COSINES = 40
-"""Number of random cosines."""
 
+#: Length scales of the kernel: angles [rad], velocities [rad/s], accelerations [rad/s^2].
 LENGTHS = np.array([1.0, 1.0, 2.0, 2.0, 5.0, 5.0])
-"""Length scales of the kernel: angles [rad], velocities [rad/s], accelerations [rad/s^2]."""
 
+#: Standard deviation of the process: the torque missed, as a share of the arm's weight.
 SIGNAL = 0.3
-"""Standard deviation of the process: the torque missed, as a share of the arm's weight."""
 
 
 class GpState(NamedTuple):

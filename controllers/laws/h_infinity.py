@@ -11,17 +11,16 @@ from scipy.signal import cont2discrete, tf2ss
 
 from controllers.base import Array, Gain, State, TorqueLaw, pair
 
+#: Zero of the weight's integral action, in multiples of the bandwidth.
 INTEGRAL = 0.2
-"""Zero of the weight's integral action, in multiples of the bandwidth."""
 
+#: Ratio of gamma to the least one, at which the controller would be singular.
 SLACK = 1.05
-"""Ratio of gamma to the least one, at which the controller would be singular."""
 
+#: Dead times of a design, in multiples of 1 / bandwidth.
+#:
+#: Below, the delay's approximation is ill-conditioned; above, the controller itself is unstable.
 LEAST, MOST = 0.05, 1.5
-"""Dead times of a design, in multiples of 1 / bandwidth.
-
-Below, the delay's approximation is ill-conditioned; above, the controller itself is unstable.
-"""
 
 
 class HInfinityState(NamedTuple):

@@ -12,8 +12,8 @@ from scipy.ndimage import gaussian_filter1d
 from controllers.base import Array, Gain, State, number
 from controllers.laws.computed_torque import ComputedTorque
 
+#: Samples of a trial that the state has room for at first. The room doubles when it is full.
 CAPACITY = 64
-"""Samples of a trial that the state has room for at first. The room doubles when it is full."""
 
 
 class IlcState(NamedTuple):

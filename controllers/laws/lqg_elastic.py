@@ -15,11 +15,11 @@ from controllers.preview import Places, between, known_reference, past_reference
 from fbl_gym.interface import clip
 from fbl_gym.model.arm import ArmParameters, Array, inertia_matrix
 
+#: Largest bandwidth of the filter, times a sample's length: a faster one rings.
 FASTEST = 0.8
-"""Largest bandwidth of the filter, times a sample's length: a faster one rings."""
 
+#: Speed of the reference at which dry friction has 0.76 of its size [rad/s].
 REVERSAL = 0.03
-"""Speed of the reference at which dry friction has 0.76 of its size [rad/s]."""
 
 
 class LqgState(NamedTuple):

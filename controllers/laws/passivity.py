@@ -9,11 +9,11 @@ import numpy as np
 from controllers.base import Acting, Gain, State, TorqueLaw, number, pair
 from fbl_gym.model.arm import Array, inertia_matrix, regressor, with_rotors
 
+#: Speed over which Coulomb friction changes its sign [rad/s].
 TURN = 0.05
-"""Speed over which Coulomb friction changes its sign [rad/s]."""
 
+#: Largest estimate of a friction, over the stretched arm's inertia [1/s and rad/s^2].
 MOST = 5.0
-"""Largest estimate of a friction, over the stretched arm's inertia [1/s and rad/s^2]."""
 
 
 def slotine_li_regressor(q: Array, v: Array, v_r: Array, a_r: Array) -> Array:

@@ -8,17 +8,17 @@ import numpy as np
 from controllers.base import Gain, State, TorqueLaw, number, pair
 from fbl_gym.model.arm import Array, coriolis_matrix, gravity_torque, inertia_matrix
 
+#: Basis functions around the circle of one joint angle.
 NODES = 6
-"""Basis functions around the circle of one joint angle."""
 
+#: Unit of the network's accelerations [rad/s^2]: the largest of a move by two radians in 1.5 s.
 ACCELERATION = 5.0
-"""Unit of the network's accelerations [rad/s^2]: the largest of a move by two radians in 1.5 s."""
 
+#: Speed over which the network's friction changes its sign [rad/s].
 TURN = 0.05
-"""Speed over which the network's friction changes its sign [rad/s]."""
 
+#: Inputs of the network's weights.
 FEATURES = NODES**2 + 2 * NODES + 2
-"""Inputs of the network's weights."""
 
 
 def bumps(angle: Array) -> Array:

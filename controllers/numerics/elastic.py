@@ -12,8 +12,8 @@ import numpy as np
 from fbl_gym.kernel.arm.prediction import find_accelerations, find_torques
 from fbl_gym.kernel.maths.fastmath import cached_njit, fma
 
+#: Differences of second order over five samples.
 RATES = np.gradient(np.eye(5), axis=0, edge_order=2)
-"""Differences of second order over five samples."""
 
 
 @cached_njit

@@ -6,11 +6,11 @@ from scipy.linalg import expm
 from fbl_gym.kernel.maths.fastmath import cached_njit
 from fbl_gym.model.arm import Array
 
+#: Cosines of the second joint's angle for which gains are computed.
 COSINES = np.linspace(-1.0, 1.0, 5)
-"""Cosines of the second joint's angle for which gains are computed."""
 
+#: The joints' angles there [5 x 2] rad.
 ANGLES = np.stack([np.zeros_like(COSINES), np.arccos(COSINES)], axis=-1)
-"""The joints' angles there [5 x 2] rad."""
 
 
 def design(slope: Array, lag: Array, dt: float, bandwidth: float, damping: float, inertia: Array) -> Array:

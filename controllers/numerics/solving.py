@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 from fbl_gym.kernel.maths.fastmath import cached_njit
 from fbl_gym.model.arm import Array
 
+#: Lanes that are solved together: few enough for their data to stay in the first cache.
 TOGETHER = 32
-"""Lanes that are solved together: few enough for their data to stay in the first cache."""
 
 # Division follows NumPy's rule: x / 0 is infinite or nan, and no comparison below accepts those.
 # Vectors [m x lanes] and matrices [k x k x lanes] of a block of lanes.

@@ -13,8 +13,8 @@ from controllers.preview import known_reference, past_reference, sampled_at
 from fbl_gym.interface import Interface
 from fbl_gym.model.arm import Array, inertia_matrix, inverse_dynamics, with_rotors
 
+#: How far ahead the oracles that predict use the reference [s].
 PREVIEW = 0.15
-"""How far ahead the oracles that predict use the reference [s]."""
 
 
 @dataclass(frozen=True)

@@ -28,14 +28,14 @@ try:
 except ImportError as problem:
     raise DependencyNotInstalled("oracle-planned needs casadi: pip install 'fbl-gym[mpc]'") from problem
 
+#: Interval of the plan [s], to the nearest multiple of the control interval.
 STEP = 0.02
-"""Interval of the plan [s], to the nearest multiple of the control interval."""
 
+#: Speed over which the plan's dry friction changes its sign [rad/s].
 SLOW = 0.05
-"""Speed over which the plan's dry friction changes its sign [rad/s]."""
 
+#: Sizes of position, velocity and acceleration, by which the solver's unknowns are divided.
 UNITS = np.array([1.0, 1.0, 10.0, 10.0, 100.0, 100.0])
-"""Sizes of position, velocity and acceleration, by which the solver's unknowns are divided."""
 
 
 @lru_cache(maxsize=4)

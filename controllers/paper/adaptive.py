@@ -15,8 +15,8 @@ from controllers.paper.kalman import RobustFlm
 from fbl_gym.model.arm import Array, inertia_matrix, regressor, with_rotors
 from fbl_gym.records.record import choice, number, table
 
+#: Samples of an estimate: the paper's three.
 SAMPLES = 3
-"""Samples of an estimate: the paper's three."""
 
 
 class AdaptiveState(NamedTuple):

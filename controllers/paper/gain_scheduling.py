@@ -4,8 +4,8 @@ import numpy as np
 
 from fbl_gym.model.arm import Array
 
+#: Forms of a schedule: (46), a switch, and linguistic rules.
 FORMS = ("soft", "hard", "fuzzy")
-"""Forms of a schedule: (46), a switch, and linguistic rules."""
 
 
 def schedule(velocity: Array, alpha: Array, v_s: float, form: str = "soft") -> Array:

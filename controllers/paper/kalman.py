@@ -11,12 +11,12 @@ from controllers.paper.cascade import CascadeFlm
 from fbl_gym.interface import clip
 from fbl_gym.records.record import choice, number
 
+#: Root of the paper's 0.1: the noise variance of (17) and (18), taken per sample.
 PAPER_SIGMA = float(np.sqrt(0.1))
-"""Root of the paper's 0.1: the noise variance of (17) and (18), taken per sample."""
 
 
+#: Forms of the filter: exact for a sampled motion, or the paper's (19)-(21) with Euler steps.
 FORMS = ("discrete", "continuous")
-"""Forms of the filter: exact for a sampled motion, or the paper's (19)-(21) with Euler steps."""
 
 
 @lru_cache(maxsize=64)

@@ -26,23 +26,23 @@ from fbl_gym.model.chain import HINGE
 from fbl_gym.options import MuJoCo, ParameterError
 from fbl_gym.scenarios import Scenario
 
+#: Moment of inertia of a point mass [kg m^2]; MuJoCo refuses zero.
 _POINT_INERTIA = 1e-12
-"""Moment of inertia of a point mass [kg m^2]; MuJoCo refuses zero."""
 
 _REAL = (
     "parameters", "centre_ratio", "inertia_ratio", "rotor_ratio", "payload", "held_payload", "payload_offset", "payload_radius",
     "viscous", "coulomb", "stiction", "load_friction", "stiffness", "damping", "backlash", "bend_rate",
 )  # fmt: skip
+#: The fields of a block from which a lane's model is made; it is made again when one changes.
 _MODEL = np.dtype([(name, np.float64, BLOCK[name].shape[:-1]) for name in _REAL])
-"""The fields of a block from which a lane's model is made; it is made again when one changes."""
 
+#: Fields of a block with a lane's state.
 _MOTION = ("position", "velocity", "motor_position", "motor_velocity", "bend", "bend_velocity")
-"""Fields of a block with a lane's state."""
 
 _VELOCITIES = _MOTION[1::2]
 
+#: Impedance of a motor's friction loss. With MuJoCo's default, a light motor that sticks creeps.
 _HARD = "0.999 0.999 0.001"
-"""Impedance of a motor's friction loss. With MuJoCo's default, a light motor that sticks creeps."""
 
 
 class MuJoCoBatch(ArmBatch):

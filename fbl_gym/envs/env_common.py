@@ -22,14 +22,14 @@ from fbl_gym.records.checks import check_choice, check_flag, check_whole, neares
 from fbl_gym.records.record import build, naming
 from fbl_gym.scenarios import Scenario, as_scenario
 
+#: Largest key of a random stream.
 MAX_SEED = 2**64 - 1
-"""Largest key of a random stream."""
 
+#: Return a seed as an int.
 check_seed = functools.partial(check_whole, "seed", high=MAX_SEED)
-"""Return a seed as an int."""
 
+#: Fields of a block with all numbers that an episode draws for its arm.
 CONTEXT = ("parameters", *(VARIED.names or ()))
-"""Fields of a block with all numbers that an episode draws for its arm."""
 ARGUMENTS = ("scenario", "action", "reward", "preview", "past_actions", "info", "context", "render_mode", "render_size")
 
 
@@ -50,8 +50,8 @@ class TaskProperties:
     metadata: dict[str, Any]
     device, _lanes = "cpu", 1
     _threads: int | None = 1
+    #: Arguments of `make_program` on the episodes of a batch.
     _episodes: Mapping[str, Any] = {}
-    """Arguments of `make_program` on the episodes of a batch."""
     _spec: EnvSpec | None = None
 
     def __init__(
@@ -238,8 +238,8 @@ def make_batch(scenario: Scenario, program: Program, lanes: int, threads: int | 
     return MuJoCoBatch(scenario, program, lanes)
 
 
+#: The options of `reset` that say where an episode starts.
 START = ("position", "velocity", "reference")
-"""The options of `reset` that say where an episode starts."""
 
 
 def check_reset_options(options: dict[str, Any] | None, known: tuple[str, ...]) -> None:

@@ -12,14 +12,14 @@ from fbl_gym.model.arm import Array
 from fbl_gym.scenarios.classes import CLASSES
 
 _CLIP = 10.0
+#: Largest errors of position [rad] and velocity [rad/s] in an observation with fine scales.
 WIDEST = 1.0, 10.0
-"""Largest errors of position [rad] and velocity [rad/s] in an observation with fine scales."""
 
 _MOTION = ("position", "velocity", "acceleration")
 _HANGING = np.array([-np.pi / 2, 0.0])
 
+#: Scale of the drive's delay and lag in an agent's observation [s].
 DRIVE_SCALE = 0.05
-"""Scale of the drive's delay and lag in an agent's observation [s]."""
 
 
 def drive_numbers(interface: Interface) -> Array:

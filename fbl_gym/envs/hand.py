@@ -9,12 +9,12 @@ from fbl_gym.options import Actuator, ArrayDisturbance, ArrayReference, DriveCha
 from fbl_gym.records.checks import Pair
 from fbl_gym.scenarios import Scenario
 
+#: Of the critically damped filter between target and reference [rad/s].
 BANDWIDTH = 6.0
-"""Of the critically damped filter between target and reference [rad/s]."""
 
 _COURSE = ("reference", "disturbance", "control_dt", "physics_dt", "duration", "drawn_per")
+#: Places of the waiting events among the scenario's.
 _PICK_UP, _DROP, _DRIVE = -3, -2, -1
-"""Places of the waiting events among the scenario's."""
 
 
 def open_to_hand(scenario: Scenario, seed: int) -> Scenario:

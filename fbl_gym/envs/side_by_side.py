@@ -12,8 +12,8 @@ from fbl_gym.envs.env_common import as_actions
 from fbl_gym.model.arm import Array
 from fbl_gym.records.checks import check_whole
 
+#: Number of axes of an option of `reset` with a value for each lane.
 _AXES = {"reset_mask": 1, "position": 2, "velocity": 2, "reference": 3}
-"""Number of axes of an option of `reset` with a value for each lane."""
 
 
 class SideBySideVectorEnv(VectorEnv[Array, Array, Array]):

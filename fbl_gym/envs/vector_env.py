@@ -15,8 +15,8 @@ from fbl_gym.kernel.batch import Flags, Truth
 from fbl_gym.model.arm import Array
 from fbl_gym.records.checks import check_choice, check_whole
 
+#: The modes, in the order of their numbers in the kernel.
 _AUTORESET = (AutoresetMode.DISABLED, AutoresetMode.NEXT_STEP, AutoresetMode.SAME_STEP)
-"""The modes, in the order of their numbers in the kernel."""
 
 
 class TwoLinkArmVectorEnv(TaskProperties, VectorEnv[Array, Array, Array]):

@@ -110,8 +110,8 @@ class Truth:
     event_times: Array
 
 
+#: Numbers in a line of the processor's cache, at which the blocks begin.
 _LINE = 8
-"""Numbers in a line of the processor's cache, at which the blocks begin."""
 
 
 def _aligned(size: int) -> Array:
@@ -346,21 +346,21 @@ class ArmBatch:
         return Truth(**fields, commands=commands.copy(), event_times=times)
 
 
+#: Fields of a block that `Truth` names otherwise.
 _RENAMED = {"applied_torque": "torque", "reference": "reference_position"}
-"""Fields of a block that `Truth` names otherwise."""
 
 _PAIRS = ("position", "velocity", "reference", "command", "applied_torque", "disturbance")
+#: Columns of each recorded field.
 _RECORDED: dict[str, Any] = {name: slice(2 * i, 2 * i + 2) for i, name in enumerate(_PAIRS)} | {"payload": 12}
-"""Columns of each recorded field."""
 
 _RECORDED_ROWS = np.concatenate([memory.rows(_RENAMED.get(name, name)) for name in (*_PAIRS, "payload")])
 
+#: Fields of `Truth` that a block has.
 _STORED = [
     field.name
     for field in dataclasses.fields(Truth)
     if field.name not in (*(INSTANT.names or ()), "masses", "lengths", "rotor", "commands", "event_times")
 ]
-"""Fields of `Truth` that a block has."""
 
 
 def single(truth: Truth) -> Truth:

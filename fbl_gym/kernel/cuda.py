@@ -29,12 +29,12 @@ from fbl_gym.kernel.memory.views import numbers_at
 from fbl_gym.kernel.step import api
 from fbl_gym.model.arm import Array
 
+#: Threads of a block of the GPU.
 _THREADS = 128
-"""Threads of a block of the GPU."""
 
+#: Blocks that a multiprocessor must hold at once, by step: fewer registers for each thread. An H200
+#: makes 1.6 and 1.3 times the steps so, of 65,536 lanes; steps of other classes would be slower.
 _BLOCKS: dict[int | str, int] = {0: 4, 1: 4}
-"""Blocks that a multiprocessor must hold at once, by step: fewer registers for each thread. An H200
-makes 1.6 and 1.3 times the steps so, of 65,536 lanes; steps of other classes would be slower."""
 
 _KERNEL = f"""
 typedef long long number;

@@ -37,8 +37,8 @@ Array: TypeAlias = NDArray[np.float64]
 
 STANDARD_GRAVITY = 9.81
 
+#: Least determinant of M, as a share of M11 M22. Below it, rounding decides how the arm moves.
 LEAST_INERTIA = 1e-12
-"""Least determinant of M, as a share of M11 M22. Below it, rounding decides how the arm moves."""
 
 
 class Links(Option):
@@ -221,14 +221,14 @@ def solve_terms(m11, m12, m22, r1, r2):
     return (m22 * r1 - m12 * r2) * scale, (m11 * r2 - m12 * r1) * scale
 
 
+#: The nominal model of Table 1: m = 20, 15 kg and L = 0.7, 0.5 m.
 TABLE_1 = ArmParameters()
-"""The nominal model of Table 1: m = 20, 15 kg and L = 0.7, 0.5 m."""
 
+#: The arm of §2.2 as printed: m = 0.7, 0.5 kg and L = 20, 15 m, Table 1's numbers swapped.
 SECTION_2_2 = ArmParameters(m1=0.7, m2=0.5, L1=20.0, L2=15.0)
-"""The arm of §2.2 as printed: m = 0.7, 0.5 kg and L = 20, 15 m, Table 1's numbers swapped."""
 
+#: The arms of the paper, by name.
 ARMS = {"table-1": TABLE_1, "section-2-2": SECTION_2_2}
-"""The arms of the paper, by name."""
 
 
 def with_rotors(lumped: Array, rotor: ArrayLike) -> Array:

@@ -13,9 +13,9 @@ import numpy as np
 
 from fbl_gym.model.arm import Array
 
+#: Place of the hinge of a link that bends, as a fraction of its length, as in the pseudo-rigid-body
+#: model of a beam (Howell, "Compliant Mechanisms", 2001, §5.1).
 HINGE = 0.15
-"""Place of the hinge of a link that bends, as a fraction of its length, as in the pseudo-rigid-body
-model of a beam (Howell, "Compliant Mechanisms", 2001, §5.1)."""
 
 
 def segment_terms(m1, m2, L1, L2, centre, inertia, payload, reach, radius):

@@ -7,5 +7,5 @@ from fbl_gym.model.arm import Links
 
 _TABLES = tomllib.loads(Path(__file__).with_suffix(".toml").read_text(encoding="utf-8"))
 
+#: The arms of laboratories, by name.
 REAL_ARMS = {name: Links(**links).arm for name, links in _TABLES.items()}
-"""The arms of laboratories, by name."""

@@ -21,14 +21,14 @@ from fbl_gym.reading import read_bytes
 from fbl_gym.records.checks import Pair, check_choice, check_number, unknown
 from fbl_gym.records.record import merged
 
+#: The text that stands for an arm of a file; names follow it after a colon, separated by commas.
 FILE = re.compile(r"(?P<path>.*?\.(?:urdf|xacro|xml|mjcf)(?:\.xacro)?)(?::(?P<names>.*))?$")
-"""The text that stands for an arm of a file; names follow it after a colon, separated by commas."""
 
+#: Angles, and distances by the link's length, that are rounding errors.
 _NOTHING = 1e-9
-"""Angles, and distances by the link's length, that are rounding errors."""
 
+#: Largest angle between axes, or of link 1's moment of mass beside its line, to neglect [rad].
 _TOLERANCE = 0.01
-"""Largest angle between axes, or of link 1's moment of mass beside its line, to neglect [rad]."""
 
 
 class RobotFileWarning(UserWarning):

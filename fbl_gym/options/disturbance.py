@@ -7,8 +7,8 @@ import numpy as np
 from fbl_gym.records.checks import Pair, check_number
 from fbl_gym.records.record import Numbers, Option, ends, number, pair, table
 
+#: Fields that are counted in physics steps, with the fewest.
 TIMES = {"period": 1, "width": 1, "start": 0, "dt": 1}
-"""Fields that are counted in physics steps, with the fewest."""
 
 
 class _Timed(Option):
@@ -114,5 +114,5 @@ class ArrayDisturbance(_Timed, kind="array"):
 
 
 Disturbance: TypeAlias = PiecewiseConstantDisturbance | SineDisturbance | PulseDisturbance | ArrayDisturbance
+#: The kinds of disturbances, in the order of their numbers in the kernel, from 1.
 DISTURBANCES = (PiecewiseConstantDisturbance, SineDisturbance, PulseDisturbance, ArrayDisturbance)
-"""The kinds of disturbances, in the order of their numbers in the kernel, from 1."""

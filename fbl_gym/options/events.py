@@ -78,8 +78,8 @@ class Knock(_Event, kind="knock"):
 
 
 Event: TypeAlias = PickUp | Drop | FrictionChange | DriveChange | Knock
+#: The kinds of events, in the order of their numbers in the kernel.
 EVENTS = (PickUp, Drop, FrictionChange, DriveChange, Knock)
-"""The kinds of events, in the order of their numbers in the kernel."""
 
 
 def _check_events(name: str, value: Any) -> tuple[Event, ...]:

@@ -4,8 +4,8 @@ from typing import Any, ClassVar, Literal
 
 from fbl_gym.records.record import Numbers, Option, choice, pair
 
+#: The laws of dry friction, in the order of their numbers in the kernel, from 1.
 LAWS = ("exact", "literal")
-"""The laws of dry friction, in the order of their numbers in the kernel, from 1."""
 
 
 class Friction(Option):

@@ -23,8 +23,8 @@ from fbl_gym.model.arm import ArmParameters, Array, inertia_matrix
 from fbl_gym.model.chain import chain_dynamics, segment_terms
 from fbl_gym.records.record import Numbers, Option, Pair, ends, pair
 
+#: Largest bend of the links of a horizontal arm under its weight, without payload [rad].
 MOST_SAG = 0.5
-"""Largest bend of the links of a horizontal arm under its weight, without payload [rad]."""
 
 
 class FlexibleLink(Option):

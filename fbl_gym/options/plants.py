@@ -25,11 +25,10 @@ class MuJoCo(Option, kind="mujoco"):
 
 PLANTS = (MuJoCo,)
 
+#: Plants by name, as in `scenarios.get("everything-2@mujoco-lab")`.
+#:
+#: In "mujoco-lab", the arm and the rate are other ones too, see `scenarios.in_world`.
 WORLDS: dict[str, MuJoCo] = {
     "mujoco": MuJoCo(),
     "mujoco-lab": MuJoCo(integrator="implicitfast", friction="breakaway"),
 }
-"""Plants by name, as in `scenarios.get("everything-2@mujoco-lab")`.
-
-In "mujoco-lab", the arm and the rate are other ones too, see `scenarios.in_world`.
-"""

@@ -28,8 +28,8 @@ class _Reference(Option):
         "point_time": float, "reference_phases_drawn": bool,
     }  # fmt: skip
 
+    #: Positions [n x 2] rad, among them the lowest and the highest one of each joint.
     extremes: ClassVar[Any]
-    """Positions [n x 2] rad, among them the lowest and the highest one of each joint."""
 
     def check(self, scenario: Any) -> None:
         """Refuse a reference beyond the sensors' range, or points far from the first one."""
@@ -62,10 +62,10 @@ class _Points(_Reference):
     high: Pair | float = pair(HIGH, unit="rad", kernel="reference_high")
     points: tuple[Pair, ...] | None = table(None, unit="rad")
 
+    #: Pairs of rows that a block holds for each point.
     pairs: ClassVar[int] = 1
-    """Pairs of rows that a block holds for each point."""
+    #: Fields whose sum is the time from one point to the next.
     times: ClassVar[tuple[str, ...]] = ("period",)
-    """Fields whose sum is the time from one point to the next."""
 
     @property
     def extremes(self) -> Any:
@@ -245,5 +245,5 @@ class ArrayReference(_Reference, kind="array"):
 
 
 Reference: TypeAlias = MinimumJerk | Steps | FilteredSteps | SineReference | FourierReference | ArrayReference
+#: The kinds of references, in the order of their numbers in the kernel.
 REFERENCES = (MinimumJerk, Steps, FilteredSteps, SineReference, FourierReference, ArrayReference)
-"""The kinds of references, in the order of their numbers in the kernel."""

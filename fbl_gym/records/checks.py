@@ -15,8 +15,8 @@ import numpy as np
 
 Pair = tuple[float, float]
 
+#: An error lists at most this many names; of more, the three nearest.
 MAX_NAMES = 20
-"""An error lists at most this many names; of more, the three nearest."""
 
 
 def nearest(name: object, known: Iterable[str]) -> str:

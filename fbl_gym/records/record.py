@@ -156,8 +156,8 @@ def number(default: Any = MISSING, *, varies: bool = False, joints: bool = False
     return declared(default, check, form, varies=varies, dtype=(float, 2) if joints else float, **options)
 
 
+#: Declare one number per joint; a single number or distribution stands for both joints.
 pair = functools.partial(number, joints=True)
-"""Declare one number per joint; a single number or distribution stands for both joints."""
 
 
 def whole(default: Any = MISSING, *, low: int = 0, high: float = math.inf, varies: bool = False, **options: Any) -> Any:
@@ -255,11 +255,11 @@ def is_distribution(value: object) -> bool:
     return isinstance(value, Mapping) and len(value) > 0 and value.keys() <= Distribution.__dataclass_fields__.keys()
 
 
+#: A number of an option that may vary.
 Number: TypeAlias = float | Distribution | Mapping[str, Sequence[float]]
-"""A number of an option that may vary."""
 
+#: One such number per joint, or one for both.
 Numbers: TypeAlias = Number | tuple[Number, Number]
-"""One such number per joint, or one for both."""
 
 
 def ends(value: Any) -> Pair:

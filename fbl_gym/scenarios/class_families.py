@@ -18,11 +18,11 @@ from fbl_gym.records.checks import check_choice
 from fbl_gym.records.record import either, merged
 from fbl_gym.scenarios.classes import CLASSES, RobotClass
 
+#: The box of the boards' motion [rad].
 BOX = (-math.pi, -2.2), (0.0, 2.2)
-"""The box of the boards' motion [rad]."""
 
+#: Least ratio of an arm's scale of torque to its inertia [rad/s^2].
 LEAST = 9.8
-"""Least ratio of an arm's scale of torque to its inertia [rad/s^2]."""
 
 
 class Scale:
@@ -149,6 +149,7 @@ def _datasheet(scale: Scale, samples: float, factor: float, percent: float) -> d
     return changes
 
 
+#: Functions that return fields of `Scenario`, from the scales of an arm and a family's numbers.
 _FAMILIES: dict[str, Callable[..., dict[str, Any]]] = {
     "model-error": _bodies,
     "payload": _payload,
@@ -174,7 +175,6 @@ _FAMILIES: dict[str, Callable[..., dict[str, Any]]] = {
     "torque-constant": lambda scale, percent: {"actuator": {"gain": _around_one(scale.size * 0.01 * percent)}},
     "datasheet": _datasheet,  # the last one, since it goes beyond the ranges of the others
 }  # fmt: skip
-"""Functions that return fields of `Scenario`, from the scales of an arm and a family's numbers."""
 
 
 def _text(value: Any) -> str:

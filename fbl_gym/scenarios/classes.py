@@ -63,5 +63,5 @@ def _load(robot: str) -> RobotClass:
     return RobotClass(**{**table, **{name: as_arm(name, table[name]) for name in ("arm", "other_arm")}})
 
 
+#: The classes of robots, by name.
 CLASSES = {robot: _load(robot) for robot in ("servo", "direct", "geared")}
-"""The classes of robots, by name."""

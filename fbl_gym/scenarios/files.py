@@ -31,13 +31,13 @@ from fbl_gym.scenarios.scenario import Scenario, as_arm
 from fbl_gym.scenarios.tiers import MEMBERS, TIERS, in_tier, tier_scenario
 from fbl_gym.scenarios.worlds import in_world
 
+#: Centres of mass farther from a link's joint, in its lengths, are taken for a mistake of units.
+#:
+#: Counterweights, and arms that logs identify, may lie somewhat outside of their links.
 FARTHEST = 1.5
-"""Centres of mass farther from a link's joint, in its lengths, are taken for a mistake of units.
 
-Counterweights, and arms that logs identify, may lie somewhat outside of their links."""
-
+#: Longer links [m] are taken for a mistake of units.
 LONGEST = 10.0
-"""Longer links [m] are taken for a mistake of units."""
 
 
 class UnitsWarning(UserWarning):
@@ -145,12 +145,12 @@ def _doubts(arm: ArmParameters) -> Iterator[str]:
             )
 
 
+#: The file of each scenario of the paper's figures and of laboratories' arms.
 _FILES = {
     table["name"]: file
     for file in (Path(__file__).with_name("paper.toml"), Path(__file__).with_name("real.toml"))
     for table in read_toml(file)["scenarios"]
 }
-"""The file of each scenario of the paper's figures and of laboratories' arms."""
 
 
 def names() -> tuple[str, ...]:

@@ -41,15 +41,15 @@ def _actuator(name: str, value: Any) -> Actuator:
     return build(name, value, Actuator, scalar="torque_limit")
 
 
+#: Largest physics step, times the fastest rate of joints and links. A vibration of that rate then
+#: loses 0.01 % of its amplitude per step to the integration, slower ones far less.
 LARGEST_STEP = 0.5
-"""Largest physics step, times the fastest rate of joints and links. A vibration of that rate then
-loses 0.01 % of its amplitude per step to the integration, slower ones far less."""
 
+#: The same with the rate of decay by viscous friction; Runge-Kutta is stable up to 2.78.
 LARGEST_DECAY = 1.0
-"""The same with the rate of decay by viscous friction; Runge-Kutta is stable up to 2.78."""
 
+#: Largest number of physics steps in a control step, also of MuJoCo.
 MAX_SUBSTEPS = 10_000
-"""Largest number of physics steps in a control step, also of MuJoCo."""
 
 
 class Scenario(Option):

@@ -83,11 +83,11 @@ def _tiers() -> dict[str, _Tier]:
 
 _TIERS = _tiers()
 
+#: The tiers, each with one line.
 TIERS = {name: tier.text for name, tier in _TIERS.items()}
-"""The tiers, each with one line."""
 
+#: Family, severity and tier of each scenario of a tier, by name.
 MEMBERS: dict[str, Member] = {}
-"""Family, severity and tier of each scenario of a tier, by name."""
 
 for _name, _tier in _TIERS.items():
     _first = "" if _name == "ideal" else f"{_name}-"

@@ -40,14 +40,14 @@ REACH = 0.35
 MARGIN = 0.035
 TITLE, SECOND, TABLE = 0.045, 0.088, 0.856
 LETTERS = 0.034
+#: Widths of the links at base, hinge, elbow, hinge and tip.
 WIDTHS = (0.04, 0.0388, 0.032, 0.0302, 0.02)
-"""Widths of the links at base, hinge, elbow, hinge and tip."""
 
+#: Mass of the payload's disc by its area, at the scale of the arm [kg/m^2].
 PLATE = 150.0
-"""Mass of the payload's disc by its area, at the scale of the arm [kg/m^2]."""
 
+#: A canvas has this many times the frame's pixels in each direction.
 FINER = 3
-"""A canvas has this many times the frame's pixels in each direction."""
 
 
 def project(points: Array, lengths: Pair, size: int) -> Array:

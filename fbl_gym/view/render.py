@@ -9,11 +9,11 @@ from fbl_gym.kernel.batch import Truth
 from fbl_gym.scenarios import Scenario
 from fbl_gym.view.picture import Frame, draw, pygame
 
+#: Largest number of pictures in the window per simulated second; pygame has one per process.
 WINDOW_FPS = 50
-"""Largest number of pictures in the window per simulated second; pygame has one per process."""
 
+#: Paces the window.
 _CLOCK = pygame.time.Clock()
-"""Paces the window."""
 
 
 class View:

@@ -61,6 +61,7 @@ def test_a_mistake_is_said_with_its_line(folder, fbl_gym):
     assert "breaks 6 promises" in shown
 
 
+#: A gain that amplifies a last bit, and a sum that rounds by the size of its batch.
 ROUNDED = """
 import numpy as np
 from controllers.laws.simple import PdGravity
@@ -70,7 +71,6 @@ class make_policy(PdGravity):
         action = np.tanh(-100 * position + 1e-6 * (np.ndim(observation) == 2))
         return LANE_ACTION, None
 """
-"""A gain that amplifies a last bit, and a sum that rounds by the size of its batch."""
 
 
 @pytest.mark.parametrize(("action", "kept"), [("action", True), ("action - action.mean(axis=0)", False)])

@@ -70,11 +70,12 @@ def settles(policy, **options):
     return quarters[3] < 1e-3 and (quarters[3] < quarters[1] or quarters[3] < 1e-9)
 
 
+#: Another real arm than the nominal one, and a lag. Without gravity, a wrong model rests where a
+#: right one does.
 REAL = {
     "arm": {"gravity": 0.0, "rotor": (4.0, 1.0)}, "friction": {"viscous": 20.0}, "actuator": {"lag": 0.01},
     "parameter_error": {"ratio": {"m1": 1.3, "m2": 0.7}, "payload": 5.0},
 }  # fmt: skip
-"""Another real arm than the nominal one, and a lag. Without gravity, a wrong model rests where a right one does."""
 
 
 @pytest.mark.parametrize(("policy", "options"), [

@@ -186,12 +186,13 @@ def test_a_page_of_the_board_alone(page, board, results, tmp_path):
     assert [link.text for link in page.find_elements("css selector", "#links a")] == ["Board"]
 
 
+#: Names of policies and scenarios that HTML, JavaScript, Plotly or the template could take for
+#: their own.
 NAMES = (
     '<img src=x onerror="document.title = 1">', '"><script>document.title = 2</script>', "a&amp;b < c > d",
     "quotes \" and '", "{{ TABLE }} %{y} \\u003c", "<b>bold</b><br><a href='https://x.org'>link</a>", "two\nlines\x1b[31m",
     "Überlänge 日本語 🤖",
 )  # fmt: skip
-"""Names of policies and scenarios that HTML, JavaScript, Plotly or the template could take for their own."""
 
 
 def renamed(run, name, task):

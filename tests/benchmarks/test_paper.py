@@ -18,8 +18,9 @@ from fbl_gym import TwoLinkArmVectorEnv, scenarios
 
 DOCS = Path(__file__).parents[2] / "docs" / "explanation"
 PAGE, COMMITTED = (DOCS / "paper.md").read_text(encoding="utf-8"), claims.load(DOCS / "paper")
+#: Cases that two seeds repeat in a few seconds; `make test-long` and `fbl-gym reproduce` measure
+#: all seeds.
 QUICK, SECONDS = tomllib.loads(Path(__file__).with_name("quick_claims.toml").read_text(encoding="utf-8")).values()
-"""Cases that two seeds repeat in a few seconds; `make test-long` and `fbl-gym reproduce` measure all seeds."""
 
 
 def test_one_rule_gives_both_verdicts():

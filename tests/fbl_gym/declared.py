@@ -14,6 +14,7 @@ from fbl_gym import TABLE_1, ElasticJoint, Reward, Scenario
 from fbl_gym.records.record import Declaration, declarations
 
 TABLE, OTHER_TABLE = ((-1.0, 0.5), (-1.5, 0.75)), ((-1.0, 0.5), (-1.25, 0.0))
+#: Fields of the same record beside which a record is valid, or a field acts.
 BASES = {
     ElasticJoint: {"stiffness": 1e3, "rotor_inertia": 0.5},
     "joint.frequency": {"stiffness": None, "frequency": 1.0},
@@ -25,22 +26,21 @@ BASES = {
     "parameter_error.parameters": {"radius": 0.5},
     "parameter_error.centre": {"centre": 1.0},  # a quarter of it is too near to the hinge of `link`
 }
-"""Fields of the same record beside which a record is valid, or a field acts."""
 
+#: Options beside which others act, by the start of their path.
 OUTER = {
     "events[friction]": {"friction": {"viscous": 1.0}},
     "limits.command": {"action": "acceleration"},
     "link": {"arm": dataclasses.replace(TABLE_1, gravity=0.0)},  # else 1 Hz is too soft
     "datasheet": {"joint": {"stiffness": 1e3, "rotor_inertia": 0.5}},
 }
-"""Options beside which others act, by the start of their path."""
 
+#: Values of fields whose form is none of those below.
 SAMPLES = {
     "parameter_error.ratio": ((2.0, 2.0, 3.0, 3.0), (3.0,) * 4),
     "parameter_error.parameters": (("m1",), ("m2",)),
     "sensors": (("position",), ("position", "velocity")),
 }
-"""Values of fields whose form is none of those below."""
 
 
 @dataclass(frozen=True)

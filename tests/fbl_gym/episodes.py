@@ -12,9 +12,10 @@ ID = "fbl_gym/TwoLinkArm-v0"
 TRACKING = "fbl_gym/TwoLinkArmTracking-v0"
 MUJOCO = "fbl_gym/TwoLinkArmMuJoCo-v0"
 needs_mujoco = pytest.mark.skipif(find_spec("mujoco") is None, reason="needs the extra mujoco")
+#: Constraints that an arm exceeds now and then.
 TIGHT = {"low": (-2.2, -0.9), "high": (-1.2, 0.6), "velocity": (1.0, 1.5)}
-"""Constraints that an arm exceeds now and then."""
 
+#: One of each kind of option, as records where there is one.
 RECORDS = {
     "parameter_error": options.ParameterError(ratio={"m2": 2.0}, radius=0.5, payload={"mass": 3.0, "pick_up": 0.2}),
     "noise": options.Noise(position=options.SensorError(sigma=0.01, bias=1e-3, quantization=1e-3), velocity=0.02),
@@ -23,13 +24,12 @@ RECORDS = {
     "actuator": options.Actuator(delay=0.015, lag=0.02), "reference": {"kind": "filtered-steps", "bandwidth": 6.0},
     "preview": 2, "duration": 1.0,
 }  # fmt: skip
-"""One of each kind of option, as records where there is one."""
 
+#: Everything at once, in episodes that end soon and often, by time or by divergence.
 EVENTFUL = {
     "scenario": "everything-3", "duration": 0.3, "limits": {"velocity": 9.0}, "actuator": {"delay": 0.013, "lag": 0.01},
     "preview": 1,
 }  # fmt: skip
-"""Everything at once, in episodes that end soon and often, by time or by divergence."""
 
 
 def started(*arguments, seed=0, **options):

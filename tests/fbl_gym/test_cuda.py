@@ -24,6 +24,7 @@ with contextlib.suppress(ImportError):
 
 LANES = 37
 BUSY = {"friction": {"coulomb": 10.0, "law": "literal"}, "noise": {"position": 1e-3, "acceleration": 1e-1}}
+#: Name and options of environments, by the number of their compiled step.
 CASES = {
     0: (ID, {"duration": 0.2, "parameter_error": 1.3, "actuator": {"delay": 0.01}}),
     1: (ID, {**BUSY, "disturbance": {"kind": "sine", "amplitude": 10.0}, "duration": 0.2, "constraints": TIGHT}),
@@ -31,7 +32,6 @@ CASES = {
     3: (TRACKING, {"scenario": "servo-elastic-2", "duration": 0.2, "preview": 2}),
     4: (ID, {**EVENTFUL, **CHANGES, "link": 8.0, "info": True}),
 }
-"""Name and options of environments, by the number of their compiled step."""
 
 
 @functools.cache

@@ -27,8 +27,8 @@ from tests.fbl_gym.episodes import PLANT, started, torques
 from tests.fbl_gym.test_lanes import compare
 
 MAX = 2**64 - 1
+#: Ranges of the numbers, by the start of their path and their name.
 RANGES = tomllib.loads(Path(__file__).with_name("ranges.toml").read_text(encoding="utf-8"))
-"""Ranges of the numbers, by the start of their path and their name."""
 
 STEPPED = dict.fromkeys(("actuator.delay", "actuator.jitter", "disturbance.start", "events.0.time"), 0)
 STEPPED |= dict.fromkeys(("disturbance.period", "disturbance.width", "disturbance.dt"), 1)
@@ -42,8 +42,8 @@ SPECIAL = {
     "parameter_error.parameters": st.lists(st.sampled_from(["m1", "m2", "L1", "L2"]), unique=True),
 }
 ROWS = st.lists(st.tuples(st.floats(-4, 4), st.floats(-4, 4)), min_size=1, max_size=6)
+#: Options that are drawn together, and MuJoCo, which has tests of its own.
 SET = ("physics_dt", "control_dt", "duration", "sensors", "plant")
-"""Options that are drawn together, and MuJoCo, which has tests of its own."""
 
 MOVES = ("arm", "parameter_error", "friction", "joint", "link", "physics_dt", "control_dt", "duration", "events")
 

@@ -15,6 +15,7 @@ CHANGES = {
     "events": [{"kind": "pick-up", "time": 0.05, "mass": 3.0}, {"kind": "drive", "time": 0.1, "factor": (1.0, 0.0)}],
 }  # fmt: skip
 DELAYED = {"scenario": "servo-delay-2", "duration": 0.08}
+#: Name, lanes and options of environments.
 CASES = {
     "tracking": (TRACKING, 3, {"scenario": "everything-2", "duration": 0.08, "preview": 1}),
     "history": (TRACKING, 3, {**DELAYED, "history": 2, "fine": 0.01, "drive": True}),
@@ -26,10 +27,9 @@ CASES = {
     "links": (ID, 9, {**EVENTFUL, **CHANGES, "link": 8.0}),
     "mujoco": (MUJOCO, 3, {**EVENTFUL, **CHANGES, "duration": 0.15, "link": 8.0}),
 }
-"""Name, lanes and options of environments."""
 
+#: Mode of a batch by its number of lanes; `test_fuzz.py` has others.
 NUMBERS = dict(zip((1, 2, 8, 9, 17, 33), MODES * 2, strict=True))
-"""Mode of a batch by its number of lanes; `test_fuzz.py` has others."""
 
 
 def assert_same_infos(a, b):

@@ -21,8 +21,8 @@ chain_load = inline_njit(chain.chain_load)
 reduce_terms = inline_njit(chain.reduce_terms)
 
 
+#: J and f of the segments, lengths of the links, gravity, stiffness and damping of the hinges.
 _Links = namedtuple("_Links", "J f lengths gravity stiffness damping")
-"""J and f of the segments, lengths of the links, gravity, stiffness and damping of the hinges."""
 
 
 @inline_njit

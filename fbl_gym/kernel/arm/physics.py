@@ -109,8 +109,8 @@ def friction_of(block, lane):
     return pair(block.viscous, lane), (coulomb1, coulomb2), pair(block.stiction, lane), pair(block.v_s, lane)
 
 
+#: Result of `hold` without friction that is held over a step.
 FREE = (0.0, 0.0, 1.0, 1.0, 1.0, 1.0)
-"""Result of `hold` without friction that is held over a step."""
 
 
 @inline_njit

@@ -29,14 +29,14 @@ from numba.extending import intrinsic
 _OPTIONS: dict[str, Any] = {"error_model": "numpy", "no_cfunc_wrapper": True}
 _INNER: dict[str, Any] = {**_OPTIONS, "no_cpython_wrapper": True, "_nrt": False}
 
+#: Compile a function that becomes part of its callers, which leaves their loops free of calls.
 inline_njit = njit(forceinline=True, **_INNER)
-"""Compile a function that becomes part of its callers, which leaves their loops free of calls."""
 
+#: Compile a function that Python does not call; without a wrapper it compiles faster.
 kernel_njit = njit(**_INNER)
-"""Compile a function that Python does not call; without a wrapper it compiles faster."""
 
+#: Copy a function's source into its only caller before compilation, where that compiles faster.
 merged_njit = njit(inline="always", **_INNER)
-"""Copy a function's source into its only caller before compilation, where that compiles faster."""
 
 
 def named(function: Any, *parts: object) -> Any:
@@ -73,8 +73,8 @@ def digest(package: Path) -> str:
 DIGEST = digest(Path(__file__).parents[2])
 
 
+#: Time in which all that a command needs is compiled [s].
 WHILE = 300.0
-"""Time in which all that a command needs is compiled [s]."""
 
 
 class _Cache(caching.FunctionCache):

@@ -78,8 +78,8 @@ from fbl_gym.options import Reward
 from fbl_gym.records.record import Option, declarations
 from fbl_gym.scenarios.scenario import Scenario
 
+#: Number of lanes in a block.
 LANES = 16
-"""Number of lanes in a block."""
 
 # Kinds, as numbers in the settings, in the order of the options' classes. The friction laws are
 # arguments of compiled functions, which Numba would compile again for each plain int.
@@ -90,8 +90,8 @@ NORMALIZED, TORQUE, ACCELERATION = range(3)
 NO_AUTORESET, NEXT_STEP, SAME_STEP = range(3)
 PICK_UP, DROP, FRICTION_CHANGE, DRIVE_CHANGE, KNOCK = range(5)
 
+#: Rows of a block that an event takes: its time [physics steps] and a size per joint.
 EVENT_ROWS = 3
-"""Rows of a block that an event takes: its time [physics steps] and a size per joint."""
 
 # The status of a lane: within an episode, after its end, or about to start the next one.
 RUNNING, ENDED, RESTART = 0.0, 1.0, 2.0
@@ -99,8 +99,8 @@ RUNNING, ENDED, RESTART = 0.0, 1.0, 2.0
 # Kinds of distributions.
 UNIFORM, LOG_UNIFORM, CHOICE = range(3)
 
+#: Largest number of columns of an observation, without its preview.
 COLUMNS = 14
-"""Largest number of columns of an observation, without its preview."""
 
 
 def _options(option: type) -> Iterator[Any]:
@@ -120,8 +120,8 @@ for _option in (*_options(Scenario), *_options(Reward)):
     _DRAWN |= _option.drawn
     _FIXED |= _option.derived
 
+#: The numbers that may differ between episodes: each episode fills their rows of a block.
 VARIED = np.dtype([*_DRAWN.items()])
-"""The numbers that may differ between episodes: each episode fills their rows of a block."""
 
 _COUNTS = (
     "draws", "draw_table", "events", "event_table", "queue_row", "waypoint_row", "past_row", "history_row", "event_row",
@@ -133,8 +133,8 @@ _FIXED |= {"observed_row": (int, COLUMNS), "observed_bound": (float, COLUMNS)}
 
 SETTINGS = np.dtype([*_FIXED.items()], align=True)
 
+#: Numbers of a draw in the tables.
 DRAW_SIZE = 7
-"""Numbers of a draw in the tables."""
 
 _PAIR, _TIMES = (float, 2), (float, (3, 2))
 _FIELDS: dict[str, Any] = {
@@ -157,8 +157,8 @@ BLOCK = np.dtype(
     [(name, np.dtype(kind).base, (*np.dtype(kind).shape, LANES)) for name, kind in _FIELDS.items()], align=True
 )
 
+#: What `api.inspect` computes of a lane [s], [rad/s^2], [N m]; blocks have the rest of it.
 INSTANT = np.dtype([("time", float), ("acceleration", float, 2), ("friction_torque", float, 2)])
-"""What `api.inspect` computes of a lane [s], [rad/s^2], [N m]; blocks have the rest of it."""
 
 SETTINGS_SIZE = SETTINGS.itemsize // 8
 BLOCK_SIZE = BLOCK.itemsize // 8
@@ -171,5 +171,5 @@ def rows(field: str) -> range:
     return range(offset // (8 * LANES), (offset + dtype.itemsize) // (8 * LANES))
 
 
+#: Row of a block that holds the first of the numbers that may vary.
 FIRST_VARIED = rows(next(iter(_DRAWN)))[0]
-"""Row of a block that holds the first of the numbers that may vary."""

@@ -20,8 +20,8 @@ from fbl_gym.records.checks import check_choice, check_whole
 from fbl_gym.records.record import Distribution, Option, declarations
 from fbl_gym.scenarios import Scenario
 
+#: One record of the type `memory.SETTINGS`, shape ().
 Settings = NDArray[np.void]
-"""One record of the type `memory.SETTINGS`, shape ()."""
 
 
 @dataclass(frozen=True)

@@ -325,6 +325,7 @@ def subtract_and_scale(observations, columns, out):
         scale_lane(observations, columns, out, results, len(observations) // lanes, lane)
 
 
+#: Plain scenarios, real ones, those with rare options, elastic joints, and links that bend.
 _CLASSES = {
     "plain": (False, False, advance_smoothly, readings.accelerate_smoothly),
     "real": (True, False, advance_by_law, readings.accelerate_by_law),
@@ -332,12 +333,12 @@ _CLASSES = {
     "elastic": (True, True, advance_elastic, readings.accelerate_elastic),
     "flexible": (True, True, advance_flexible, readings.accelerate_flexible),
 }
-"""Plain scenarios, real ones, those with rare options, elastic joints, and links that bend."""
 
 _BLOCK_STEPS = {name: _block_step(name, *each) for name, each in _CLASSES.items()}
 STEPS = [_batch_step(name, step) for name, step in _BLOCK_STEPS.items()]
 LANE_STEPS = [_lane_step(name, step) for name, step in _BLOCK_STEPS.items()]
 
+#: Indices in `STEPS`, with settings of which any one needs it; the first that fits is taken.
 _NEEDS = (
     (2, ("external_physics",)),
     (4, ("flexible",)),
@@ -345,7 +346,6 @@ _NEEDS = (
     (2, ("events", "history", "dropout_length")),
     (1, ("has_payload", "disturbance_kind", "friction_law", "noisy", "rippled")),
 )
-"""Indices in `STEPS`, with settings of which any one needs it; the first that fits is taken."""
 
 
 def step_number(settings):

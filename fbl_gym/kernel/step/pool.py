@@ -23,14 +23,14 @@ from fbl_gym.kernel.memory.views import numbers_at, record_at
 from fbl_gym.kernel.step.api import STEPS, check
 from fbl_gym.model.arm import Array
 
+#: Number of lanes from which on a batch has several threads by default.
 LEAST_LANES = 1024
-"""Number of lanes from which on a batch has several threads by default."""
 
+#: Blocks that a thread takes at once; to take one costs 0.1 us, and to step it 3 to 20.
 _LEAST_BLOCKS = 4
-"""Blocks that a thread takes at once; to take one costs 0.1 us, and to step it 3 to 20."""
 
+#: Looks before a thread sleeps, some 50 us; to wake it costs 10 us and takes longer.
 _LOOKS = 20_000
-"""Looks before a thread sleeps, some 50 us; to wake it costs 10 us and takes longer."""
 
 _JOB = np.dtype(
     [
@@ -67,8 +67,8 @@ _acquire, _release = _external("pthread_mutex_lock", 1), _external("pthread_mute
 _wait, _wake = _external("pthread_cond_wait", 2), _external("pthread_cond_broadcast", 1)
 _look = _external("pthread_self", 0)  # the compiler must read memory again after any call
 
+#: False on Windows, where each batch has one thread.
 SUPPORTED = llvm.address_of_symbol("pthread_cond_wait") is not None
-"""False on Windows, where each batch has one thread."""
 
 
 @intrinsic
@@ -199,8 +199,8 @@ class _Pool:
             free.release()
 
 
+#: The pool of all batches of this process.
 POOL = _Pool()
-"""The pool of all batches of this process."""
 
 
 def cores() -> int:

@@ -34,11 +34,11 @@ def same_action(*policies, observation):
     np.testing.assert_array_equal(*(policy.predict(observation, deterministic=True)[0] for policy in policies))
 
 
+#: Of algorithms: their module, their network, and what makes them small.
 SETTINGS = {
     "PPO": {}, "SAC": {"buffer_size": 10}, "TQC": {"module": "sb3_contrib", "buffer_size": 10},
     "ARS": {"module": "sb3_contrib"}, "RecurrentPPO": {"module": "sb3_contrib", "policy": "MlpLstmPolicy"},
 }  # fmt: skip
-"""Of algorithms: their module, their network, and what makes them small."""
 
 
 def save_model(folder, env, algorithm="PPO"):
