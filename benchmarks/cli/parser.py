@@ -201,10 +201,17 @@ def trust(arguments: argparse.Namespace) -> None:
     """Turn the texts of the policies among the arguments into names.
 
     With `--trust`, their code may run. A Python file or module that is typed needs no permission.
+    A file of `VecNormalize` that lies beside an archive is named, since it changes what the agent
+    sees.
     """
+    from benchmarks.agents.sb3 import statistics
     from controllers.name import PolicyName  # imports NumPy, which the list of commands does without
 
     parse = partial(PolicyName.parse, trusted=arguments.trust)
     for option in ("policies", "policy"):
         if given := getattr(arguments, option, None):
-            setattr(arguments, option, parse(given) if isinstance(given, str) else [*map(parse, given)])
+            names = [parse(text) for text in ([given] if isinstance(given, str) else given)]
+            setattr(arguments, option, names[0] if isinstance(given, str) else names)
+            for archive in (Path(name.source) for name in names if name.form == "archive"):
+                for file in statistics(archive):
+                    say(f"fbl-gym: {file} scales the observations of {archive}", sys.stderr)

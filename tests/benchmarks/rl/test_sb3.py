@@ -6,6 +6,7 @@ import re
 import subprocess
 import sys
 import zipfile
+from argparse import Namespace
 from pathlib import Path
 
 import gymnasium
@@ -18,6 +19,7 @@ from stable_baselines3.common.vec_env import DummyVecEnv, VecFrameStack, VecNorm
 import controllers
 from benchmarks.agents.adapter import AdapterSettings
 from benchmarks.agents.sb3 import ALGORITHMS, find_class, load_zip, statistics
+from benchmarks.cli.parser import trust
 from benchmarks.policies.loading import Untrusted
 from benchmarks.policies.spec import resolve
 from benchmarks.training.off_policy import export
@@ -159,7 +161,7 @@ def test_an_archive_of_stacked_frames_acts_on_the_arm_as_it_was_saved(padding, p
         b, *_ = lanes.step(action)
 
 
-def test_the_statistics_of_an_archive_are_the_nearest_and_part_of_its_key(tmp_path):
+def test_the_statistics_of_an_archive_are_the_nearest_and_named_and_part_of_its_key(tmp_path, capsys):
     _, path = save_model(tmp_path, TwoLinkArmEnv())
     checkpoint = path.with_name("rl_model_64_steps.zip")
     without = resolve(str(path), trust=True)
@@ -168,6 +170,8 @@ def test_the_statistics_of_an_archive_are_the_nearest_and_part_of_its_key(tmp_pa
     assert "vecnormalize.pkl" in resolve(str(path), trust=True).data.keys() - without.data.keys()
     with pytest.raises(ValueError, match=r"vecnormalize\.pkl must be a file that VecNormalize's save wrote"):
         load_zip(path, TwoLinkArmEnv().interface, trust=True)
+    trust(Namespace(policies=["zero", str(path)], trust=True))
+    assert capsys.readouterr().err == f"fbl-gym: {numbers} scales the observations of {path}\n"
     normalized(DummyVecEnv([TwoLinkArmTrackingEnv]), tmp_path)
     later = numbers.rename(tmp_path / "rl_model_vecnormalize_64_steps.pkl")
     assert (statistics(checkpoint), statistics(path)) == ([later], [])
