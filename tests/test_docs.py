@@ -168,8 +168,10 @@ def test_commands_in_the_text_exist(page):
 
 
 #: What makes code and commands of pages and examples short; arguments of examples, and what they
-#: print.
-SHORTER, SHORT, ARGUMENTS, PRINTED = tomllib.loads((ROOT / "tests/shorter.toml").read_text(encoding="utf-8")).values()
+#: print; programs of pages, and the numbers that they print.
+SHORTER, SHORT, ARGUMENTS, PRINTED, NUMBERS = tomllib.loads(
+    (ROOT / "tests/shorter.toml").read_text(encoding="utf-8")
+).values()
 
 
 def shortened(text):
@@ -273,6 +275,24 @@ def test_a_page_runs(page):
             names = {"__name__": "__main__", "__file__": str(Path(block.file or "page.py").resolve())}
             with mock.patch.dict(os.environ):
                 exec(compile(text, str(block), "exec"), names)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("page", NUMBERS)
+@pytest.mark.usefixtures("folder")
+def test_a_page_has_the_numbers_that_its_code_prints(page, capsys):
+    """In full length, not short; the page may round them."""
+    command, pattern = NUMBERS[page]
+    if command:
+        with mock.patch.object(sys, "argv", command.split()):
+            runpy.run_path(str(ROOT / sys.argv[0]), run_name="__main__")
+    else:
+        exec(next(block.text for block in BLOCKS[page] if block in PYTHON), {})
+    stated = [text.replace(",", "") for text in re.findall(r"\d[\d,]*\d(?:\.\d+)?|\d\.\d+", PAGES[page])]
+    printed = [number for match in re.finditer(pattern, capsys.readouterr().out) for number in match.groups()]
+    half = {text: 0.501 * 0.1 ** len(text.partition(".")[2]) for text in stated}  # of the last digit
+    wrong = [x for x in printed if not any(abs(float(x) - float(text)) <= half[text] for text in stated)]
+    assert (printed != [], wrong) == (True, [])
 
 
 EXAMPLES = {path.stem: path.read_text() for path in sorted((ROOT / "examples").glob("*.py"))}
