@@ -299,6 +299,7 @@ EXAMPLES = {path.stem: path.read_text() for path in sorted((ROOT / "examples").g
 #: Examples that pages run, and `controllers/test_runner.py`.
 ELSEWHERE = {
     "swing_up", "train_sb3", "run_on_robot", "priced_ppo", "class_speed", "returns", "few_trainings", "option_ratio",
+    "outside_class",
 }  # fmt: skip
 
 
