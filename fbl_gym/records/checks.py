@@ -68,9 +68,10 @@ def check_flag(name: str, value: object) -> bool:
 
 def bounds_text(low: float = -math.inf, high: float = math.inf, above: float | None = None) -> str:
     """Return bounds in words, such as " greater than 0"; an empty text if there are none."""
-    least = f" not below {low:g}" if above is None else f" greater than {above:g}"
-    bounds = [least] * (above is not None or low > -math.inf) + [f" not above {high:g}"] * (high < math.inf)
-    return " and".join(bounds)
+    lowest = f" not below {low:g}" if low > -math.inf else ""
+    least = lowest if above is None else f" greater than {above:g}"
+    most = f" not above {high:g}" if high < math.inf else ""
+    return " and".join(filter(None, (least, most)))
 
 
 def check_number(
