@@ -91,9 +91,11 @@ class AdapterSettings(Record):
     scales: tuple[float, float, float] = declared((0.1, 1.0, 10.0), _check_scales, "three numbers greater than 0")
 
     def validate(self) -> None:
-        """Refuse a blend without two laws, and a second law without a blend."""
+        """Refuse a blend without two laws, a second law without a blend, and a missing position."""
         if (self.action == "blend") != bool(self.second) or self.second == self.base:
             raise ValueError(f"second must be a law for a blend alone, and another than base, got {self.second!r}")
+        if "position" not in self.sensors:
+            raise ValueError(f"sensors must include 'position', got {self.sensors}")
 
     def previewed(self, control_dt: float) -> int:
         """Return the number of coming samples of the reference that the environment must have."""

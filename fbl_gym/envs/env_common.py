@@ -1,7 +1,6 @@
 """Code shared by the single and the vector environment: arguments, seeds, rendering, properties."""
 
 import dataclasses
-import functools
 from collections.abc import Mapping
 from typing import Any
 
@@ -24,9 +23,6 @@ from fbl_gym.scenarios import Scenario, as_scenario
 
 #: Largest key of a random stream.
 MAX_SEED = 2**64 - 1
-
-#: Return a seed as an int.
-check_seed = functools.partial(check_whole, "seed", high=MAX_SEED)
 
 #: Fields of a block with all numbers that an episode draws for its arm.
 CONTEXT = ("parameters", *(VARIED.names or ()))
@@ -236,6 +232,13 @@ def make_batch(scenario: Scenario, program: Program, lanes: int, threads: int | 
     except ImportError:
         raise error.DependencyNotInstalled("plant='mujoco' needs MuJoCo: pip install 'fbl-gym[mujoco]'") from None
     return MuJoCoBatch(scenario, program, lanes)
+
+
+def check_seed(seed: Any) -> int:
+    """Return a seed as an int that fits the key of a random stream."""
+    if check_whole("seed", seed) > MAX_SEED:
+        raise ValueError(f"seed must be below 2**64, got {seed!r}")
+    return int(seed)
 
 
 #: The options of `reset` that say where an episode starts.

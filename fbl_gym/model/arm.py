@@ -118,9 +118,11 @@ class ArmParameters(Option):
         packer.settings["parameters"] = self.m1, self.m2, self.L1, self.L2
 
     @staticmethod
-    def from_links(*numbers: Any, **named: Any) -> ArmParameters:
-        """Return the arm of links as data sheets describe them, from the fields of `Links`."""
-        return Links(*numbers, **named).arm
+    def from_links(
+        mass: Pair, length: Pair, centre: Pair, inertia: Pair, rotor: Pair | float = 0.0, gravity: float = STANDARD_GRAVITY
+    ) -> ArmParameters:  # fmt: skip
+        """Return the arm of links as data sheets describe them; see `Links`."""
+        return Links(mass, length, centre, inertia, rotor, gravity).arm
 
     @staticmethod
     def from_lumped(

@@ -142,7 +142,8 @@ def read_robot(path: str) -> RobotFile:
     Raises:
         ValueError: the file does not describe a planar arm of two links.
     """
-    file, names = FILE.match(path).groups("")  # type: ignore[union-attr]
+    match = FILE.match(path)
+    file, names = match.groups("") if match else (path, "")
     try:
         robot = _read(file)
     except (OSError, expat.ExpatError, KeyError, ValueError) as problem:
@@ -246,7 +247,7 @@ def _tip(
     robot: _Robot, names: list[str], frames: dict[str, complex], centre: complex, doubts: list[str]
 ) -> tuple[complex, bool]:
     """Return the tip from the second joint: named, a length, a frame, or a guess (False)."""
-    if names and re.fullmatch(r"[\d.]+", names[0]):
+    if names and re.fullmatch(r"\d+\.?\d*|\.\d+", names[0]):
         length = check_number(f"length of link 2 in {robot.path}", float(names[0]), above=0)
         return length * (centre / abs(centre) if centre else 1.0), True
     if names:

@@ -66,16 +66,12 @@ def check_flag(name: str, value: object) -> bool:
     return value
 
 
-def _exact(bound: float) -> str:
-    """Return a bound as text, in short form where that is exact."""
-    return f"{bound:g}" if float(f"{bound:g}") == bound else str(bound)
-
-
 def bounds_text(low: float = -math.inf, high: float = math.inf, above: float | None = None) -> str:
     """Return bounds in words, such as " greater than 0"; an empty text if there are none."""
-    least = f" not below {_exact(low)}" if above is None else f" greater than {_exact(above)}"
-    bounds = [least] * (above is not None or low > -math.inf) + [f" not above {_exact(high)}"] * (high < math.inf)
-    return " and".join(bounds)
+    lowest = f" not below {low:g}" if low > -math.inf else ""
+    least = lowest if above is None else f" greater than {above:g}"
+    most = f" not above {high:g}" if high < math.inf else ""
+    return " and".join(filter(None, (least, most)))
 
 
 def check_number(

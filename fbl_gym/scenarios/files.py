@@ -75,8 +75,9 @@ def load(path: Path, entry: str, above: tuple[str, ...] = ()) -> Scenario:
         raise ValueError(f"{path}: base must be another scenario, but leads back to this file")
     table = read_toml(path)
     if entry:
-        entries = {each if isinstance(each, str) else each.get("name"): each for each in table.get("scenarios", ())}
-        table = entries[check_choice(f"scenario of {path}", entry, filter(None, entries))]
+        names = [each if isinstance(each, str) else each.get("name") for each in table.get("scenarios", ())]
+        check_choice(f"scenario of {path}", entry, filter(None, names))
+        table = table["scenarios"][names.index(entry)]
         if isinstance(table, str):
             return get(table)
     elif "scenarios" in table:

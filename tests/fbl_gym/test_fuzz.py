@@ -30,9 +30,9 @@ MAX = 2**64 - 1
 #: Ranges of the numbers, by the start of their path and their name.
 RANGES = tomllib.loads(Path(__file__).with_name("ranges.toml").read_text(encoding="utf-8"))
 
+#: Times that are multiples of the physics step, and their least number of steps.
 STEPPED = dict.fromkeys(("actuator.delay", "actuator.jitter", "disturbance.start", "events.0.time"), 0)
 STEPPED |= dict.fromkeys(("disturbance.period", "disturbance.width", "disturbance.dt"), 1)
-"""Times that are multiples of the physics step, and their least number of steps."""
 
 RATIO = st.floats(0.05, 20)
 RATIOS = st.one_of(RATIO, st.tuples(*[RATIO] * 4), st.dictionaries(st.sampled_from(["m1", "L2"]), RATIO))

@@ -52,10 +52,11 @@ def test_a_mapping_has_a_base_and_draws_replace_draws():
 def test_environments_and_suites_take_files(folder):
     env = gym.make("fbl_gym/TwoLinkArm-v0", scenario=str(folder / "arm.toml"))
     assert env.unwrapped.interface.control_dt == 0.02
-    third = '{base = "arm.toml", name = "third", duration = 2.0}'
+    third = '{base = "arm.toml", name = "third", duration = 2.0}, {name = "third"}'
     (folder / "suite.toml").write_text(f'policies = ["zero"]\nscenarios = ["arms/arm.toml", "noise-1", {third}]')
-    assert [scenario.name for scenario in load(str(folder / "suite.toml")).scenarios] == ["arm", "noise-1", "third"]
-    assert scenarios.get(f"{folder}/suite.toml:third").duration == 2.0
+    names = [scenario.name for scenario in load(str(folder / "suite.toml")).scenarios]
+    assert names == ["arm", "noise-1", "third", "third"]
+    assert scenarios.get(f"{folder}/suite.toml:third").duration == 2.0  # the first of this name
     assert scenarios.get(f"{folder}/suite.toml:noise-1") == scenarios.get("noise-1")
 
 

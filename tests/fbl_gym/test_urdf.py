@@ -179,6 +179,8 @@ def test_names_choose_joints_and_tip(file):
     for names, message in (
         ("", r"two revolute joints, got shoulder, elbow, wrist.*:SHOULDER,ELBOW"),
         (":shoulder,elbow,to", r"unknown joint or tip in .* 'to'; did you mean 'tool'"),
+        (".txt", r"\.urdf\.txt must be a URDF file: FileNotFoundError"),
+        (":shoulder,elbow,1.2.3", r"unknown joint or tip in .* '1\.2\.3'"),
         (":shoulder,elbo", r"unknown joint in .* 'elbo'; did you mean 'elbow'"),
     ):
         with pytest.raises(ValueError, match=message):

@@ -303,7 +303,7 @@ def test_a_mistake_is_answered_with_what_is_right(options, lanes, arguments, mes
 def test_a_run_that_cannot_begin_leaves_the_folder_to_the_next(fbl_gym):
     """Without --sensors, the agent has those of its scenarios."""
     command = f"{SHORT} --scenario servo-practice-nominal --out run"
-    fbl_gym(f"{command} --sensors velocity", 2)
+    assert "sensors must include 'position', got" in fbl_gym(f"{command} --sensors velocity", 2).err
     assert "not applicable" in fbl_gym(f"{command} --sensors position acceleration", 2).err
     fbl_gym(command)
     assert describe(Path("run"))["interface"]["sensors"] == ["position", "velocity"]
