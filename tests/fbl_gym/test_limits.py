@@ -1,13 +1,11 @@
 """The options `limits` and `constraints`: bounds, costs, and the end of the episode of an arm that diverged or is lost."""
 
-import gymnasium as gym
 import numpy as np
 import pytest
-from gymnasium.envs.registration import EnvSpec
 from gymnasium.error import ResetNeeded
 
 from fbl_gym import Constraints, Scenario, TwoLinkArmEnv, TwoLinkArmVectorEnv
-from tests.fbl_gym.episodes import ID, TIGHT, started
+from tests.fbl_gym.episodes import TIGHT, started
 
 STILL = {"kind": "array", "position": [(0.2, 0.1)]}
 
@@ -91,13 +89,6 @@ def test_the_truth_needs_an_episode():
             env.step(np.zeros(env.action_space.shape))
         env.reset(seed=0)
         assert env.truth.position.shape[-1] == 2
-
-
-def test_arrays_inside_options_survive_the_spec():
-    reference = {"kind": "array", "position": np.zeros((3, 2)), "dt": np.float64(0.1)}
-    env = gym.make(ID, noise={"position": {"sigma": np.array([1e-3, 2e-3])}}, reference=reference)
-    again = gym.make(EnvSpec.from_json(env.spec.to_json()))
-    assert again.unwrapped.scenario == env.unwrapped.scenario
 
 
 @pytest.mark.parametrize("options", [{}, {"joint": {"stiffness": 4000, "rotor_inertia": 0.5}, "info": True}], ids=str)
