@@ -1,7 +1,7 @@
 """Options as records: made from plain data, through JSON into the program, some of them drawn; and all their errors.
 
 Most tests run over every option, from its declaration. `docs/reference/options.md` states every declaration a second
-time; `tests/benchmarks/test_list.py` compares them.
+time; `tests/benchmarks/test_cli.py` compares them.
 """
 
 import contextlib
