@@ -16,7 +16,7 @@ ROOT = Path(__file__).parents[1]
 TARGETS = {
     "model/arm": ("lumped_terms inertia_terms coriolis_terms gravity_terms solve_terms", "arm"),
     "kernel/arm/physics": ("load_on_joints _stage moved weighted hold lump", "physics friction"),
-    "model/chain": ("segment_terms chain_inertia chain_load reduce_terms bend_terms", "flexible mujoco"),
+    "model/chain": ("segment_terms chain_inertia chain_load reduce_terms bend_terms", "elastic mujoco"),
 }
 
 

@@ -3,6 +3,7 @@
 import dataclasses
 import json
 import re
+import tomllib
 from pathlib import Path
 from unittest.mock import Mock
 
@@ -120,19 +121,7 @@ def started(tmp_path=None, **options):
     return runner, reference, torque
 
 
-BAD = {
-    "late": ({"time": 0.2}, "time must go on by at most 0.02 s"),
-    "not going on": ({"time": 0.09}, "time must go on"),
-    "no time": ({"time": np.nan}, "time must go on"),
-    "not finite": ({"position": [0.1, np.nan]}, "position must be 2 finite numbers"),
-    "short": ({"position": [0.1]}, "position must be 2 finite numbers"),
-    "text": ({"position": "?"}, "could not convert"),
-    "jump": ({"position": [0.1, 1.99], "reference": [0.1, 1.99, 0, 0, 0, 0]}, "joint 2 .* last reading"),
-    "bound": ({"position": [0.1, 2.01], "reference": [0.1, 2.01, 0, 0, 0, 0]}, "a constraint is violated"),
-    "far": ({"position": [0.75, 0.25]}, "joint 1 is 0.65 rad from its reference"),
-    "reference": ({"reference": np.zeros((2, 6))}, "reference must be 6 finite numbers"),
-    "velocity": ({"velocity": [0.0, 0.0]}, "velocity must not be given"),
-}
+BAD = tomllib.loads(Path(__file__).with_name("bad_readings.toml").read_text(encoding="utf-8"))
 
 
 @pytest.mark.parametrize("case", BAD)

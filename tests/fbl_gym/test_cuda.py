@@ -17,7 +17,7 @@ from fbl_gym import TwoLinkArmVectorEnv
 from fbl_gym.kernel import cuda
 from fbl_gym.kernel.maths import fastmath
 from tests.fbl_gym.episodes import EVENTFUL, ID, TIGHT, TRACKING
-from tests.fbl_gym.test_lanes import CHANGES, MODES, compare
+from tests.fbl_gym.test_vector_env import CHANGES, MODES, compare
 
 with contextlib.suppress(ImportError):
     import torch

@@ -24,7 +24,7 @@ from fbl_gym.model.real_arms import REAL_ARMS
 from fbl_gym.options import SENSORS
 from tests.fbl_gym.declared import FIELDS
 from tests.fbl_gym.episodes import PLANT, started, torques
-from tests.fbl_gym.test_lanes import compare
+from tests.fbl_gym.test_vector_env import compare
 
 MAX = 2**64 - 1
 #: Ranges of the numbers, by the start of their path and their name.

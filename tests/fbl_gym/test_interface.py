@@ -2,6 +2,8 @@
 
 import dataclasses
 import math
+import tomllib
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -9,23 +11,13 @@ import pytest
 from fbl_gym import TwoLinkArmEnv, TwoLinkArmVectorEnv
 from tests.controllers.closed_loop import mean_error
 
+CASES = tomllib.loads(Path(__file__).with_name("interface.toml").read_text(encoding="utf-8"))
 IDEAL = TwoLinkArmEnv().interface
 FIELDS = ("delay", "lag", "rate_limit", "latency", "resolution", "noise_std")
 SPRINGS = ("stiffness", "damping", "rotor_inertia", "backlash", "encoder")
 
 
-@pytest.mark.parametrize(("options", "stated"), [
-    ({}, {}), ({"actuator": {"delay": 0.004, "delay_samples": 1}}, {"delay": (0.014, 0.014)}),
-    ({"actuator": {"delay": {"uniform": [0.001, 0.005]}}}, {"delay": (0.001, 0.005)}),
-    ({"actuator": {"delay_samples": {"choice": [2, 1]}, "delay": 0.001}}, {"delay": (0.011, 0.021)}),
-    ({"actuator": {"lag": {"log_uniform": [0.001, 0.005]}}}, {"lag": (0.001, 0.005)}),
-    ({"actuator": {"rate_limit": [{"choice": [9.0, 5.0]}, 7.0]}}, {"rate_limit": (5.0, 7.0)}),
-    ({"encoder": {"latency": 2}}, {"latency": 0.02}),
-    ({"encoder": {"counts": (1000, 2000)}}, {"resolution": (2e-3 * np.pi, 1e-3 * np.pi)}),
-    ({"noise": {"position": {"quantization": 0.01}}}, {"resolution": (0.01, 0.01)}),
-    ({"noise": {"velocity": {"uniform": [0.1, 0.2]}}}, {"noise_std": ((0.0, 0.0), (0.2, 0.2), (0.0, 0.0))}),
-    ({"noise": {"position": {"density": (1.0, 2.0)}}}, {"noise_std": ((50**0.5, 200**0.5), (0.0, 0.0), (0.0, 0.0))}),
-], ids=str)  # fmt: skip
+@pytest.mark.parametrize(("options", "stated"), CASES["stated"], ids=str)
 def test_the_interface_states_drive_and_sensors(options, stated):
     interface = TwoLinkArmEnv(**options).interface
     for name in FIELDS:
@@ -34,13 +26,7 @@ def test_the_interface_states_drive_and_sensors(options, stated):
     assert hash(interface) == hash(dataclasses.replace(interface))
 
 
-@pytest.mark.parametrize("options", [
-    {"friction": {"coulomb": {"uniform": [0, 20]}, "viscous": 3.0}},
-    {"parameter_error": {"radius": 1.0, "payload": {"uniform": [0, 5]}}}, {"actuator": {"gain": 1.3}},
-    {"actuator": {"gain": {"uniform": [0.9, 1.1]}}}, {"noise": {"position": {"bias": {"uniform": [-0.1, 0.1]}}}},
-    {"initial_error": {"uniform": [-0.1, 0.1]}, "initial_velocity": 0.5},
-    {"disturbance": {"kind": "sine", "amplitude": {"uniform": [0, 5]}}},
-], ids=str)  # fmt: skip
+@pytest.mark.parametrize("options", CASES["hidden"], ids=str)
 def test_the_interface_hides_the_errors_of_the_real_arm(options):
     assert TwoLinkArmEnv(**options).interface == IDEAL
 

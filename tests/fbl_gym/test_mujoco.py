@@ -16,8 +16,10 @@ pytest.importorskip("mujoco")
 
 KNOCK = {"kind": "knock", "time": 1.003, "impulse": (5, 2)}
 PAYLOAD = {"mass": 3, "pick_up": 1.003}
-#: Options under which a physics step has one torque, and under which a torque varies within a step.
-EXACT, SMOOTH = tomllib.loads(Path(__file__).with_name("mujoco.toml").read_text(encoding="utf-8")).values()
+#: Options under which a physics step has one torque, and under which a torque varies within a step; and a robot's.
+EXACT, SMOOTH, ELASTIC, LAB = tomllib.loads(
+    Path(__file__).with_name("mujoco.toml").read_text(encoding="utf-8")
+).values()
 
 
 def run(options, lanes=4, policy="computed-torque", seconds=3.0, **gains):
@@ -75,14 +77,6 @@ def test_every_oracle_runs(name):
     assert distance(ours, theirs, "position") < 1e-10
 
 
-ELASTIC = {
-    "joint": {"stiffness": (4000, 1500), "damping": (6, 2), "rotor_inertia": (0.6, 0.3)},
-    "friction": {"viscous": (20, 5)},
-    "actuator": {"torque_limit": (400, 150), "gain": 0.9},
-    "physics_dt": 5e-4,
-}
-
-
 @pytest.mark.parametrize("side", ["motor", "link"])
 def test_elastic_joints_agree(side):
     """Two seconds with events, a load on the links, a computed velocity and springs that vary."""
@@ -114,15 +108,7 @@ def test_backlash_converges():
 
 def test_the_laboratory_is_another_arm_at_another_rate():
     """Every condition of a drive, a sensor and a load reaches it, together with events."""
-    scenario = scenarios.get("mixed-error-1").replace(
-        joint={**ELASTIC["joint"], "backlash": 0.002},
-        friction={"viscous": 2, "coulomb": 10, "stiction": 5},
-        actuator={"torque_limit": (800, 300), "delay_samples": 1, "delay": 0.002, "lag": 0.01, "gain": 0.9},
-        encoder={"counts": 65536, "difference": 1},
-        noise={"position": 1e-4},
-        sensors=("position", "velocity"),
-        events=[{"kind": "pick-up", "time": 0.5, "mass": 3.0}, {"kind": "drive", "time": 1.5, "factor": 0.8}],
-    )
+    scenario = scenarios.get("mixed-error-1").replace(**LAB)
     lab = scenarios.in_world(scenario, "mujoco-lab")
     assert (lab.control_dt, lab.steps, lab.plant) == (0.008, 1250, WORLDS["mujoco-lab"])
     np.testing.assert_allclose(lab.arm.lumped[3:], scenario.arm.lumped[3:], rtol=0.05)

@@ -1,6 +1,7 @@
-"""Every option, from its declaration: it survives JSON, reaches the program, may vary as declared, and has clear errors.
+"""Options as records: made from plain data, through JSON into the program, some of them drawn; and all their errors.
 
-`docs/reference/options.md` states every declaration a second time; `tests/benchmarks/test_list.py` compares them.
+Most tests run over every option, from its declaration. `docs/reference/options.md` states every declaration a second
+time; `tests/benchmarks/test_cli.py` compares them.
 """
 
 import contextlib
@@ -9,21 +10,24 @@ import functools
 import json
 import math
 import re
+import tomllib
 from collections import defaultdict
+from pathlib import Path
 
 import gymnasium as gym
 import numpy as np
 import pytest
 from gymnasium.envs.registration import EnvSpec
 
-from fbl_gym import Scenario, TwoLinkArmEnv
+from controllers.laws.simple import PdGravity
+from fbl_gym import SECTION_2_2, Friction, ParameterError, Scenario, SensorError, TwoLinkArmEnv, options
 from fbl_gym.kernel.maths.streams import stream_key
 from fbl_gym.kernel.memory import layout as memory
 from fbl_gym.kernel.memory.layout import EVENT_ROWS, FIRST_VARIED, LANES, VARIED
 from fbl_gym.records.descriptions import describe
 from fbl_gym.records.record import merged
-from tests.fbl_gym.declared import FIELDS, LEAVES, NUMBERS, VARYING
-from tests.fbl_gym.episodes import ID, started_batch
+from tests.fbl_gym.declared import FIELDS, LEAVES, NUMBERS, TABLE, VARYING
+from tests.fbl_gym.episodes import ID, started, started_batch
 
 
 def each(fields):
@@ -57,9 +61,11 @@ def is_fixed(value):
 
 @each(LEAVES)
 def test_an_option_survives_json_and_a_spec(field):
+    """Pairs and tables are arrays here; `test_fuzz.py` has plain data."""
     if field.path.startswith("plant"):
         pytest.importorskip("mujoco")
-    env = gym.make(ID, **field.given(field.values[0])).unwrapped
+    value = field.values[0]
+    env = gym.make(ID, **field.given(np.array(value) if field.is_pair or field.is_table else value)).unwrapped
     assert (env.scenario, env._reward) != ((base := TwoLinkArmEnv(**field.options())).scenario, base._reward)
     assert Scenario.from_dict(json.loads(json.dumps(env.scenario.to_dict()))) == env.scenario
     again = gym.make(EnvSpec.from_json(env.spec.to_json())).unwrapped
@@ -235,3 +241,117 @@ def test_a_distribution_is_within_the_bounds_of_its_number(field):
         message = rf"{field.error}.*, a distribution, .* {re.escape(f'{bound:g}')}\b.*, got"
         wrong(field.given({"uniform": [bound, 2 * bound]}), message)
     wrong(field.given({"choice": [1, math.nan]}), rf"{field.error}.*: choice\[1\] must be a finite number, got nan")
+
+
+# Errors of options that contradict each other, are too large or have a wrong name.
+
+
+ERRORS = tomllib.loads(Path(__file__).with_name("option_errors.toml").read_text(encoding="utf-8"))
+BEYOND_TOML = "needs a torque limit", {"actuator": None}
+
+
+@pytest.mark.filterwarnings("ignore::fbl_gym.scenarios.files.UnitsWarning")
+@pytest.mark.parametrize(("message", "options"), [*ERRORS["wrong"], BEYOND_TOML], ids=str)
+def test_wrong_options_are_named(message, options):
+    """By one that was given, though another one, which follows from it or comes from the base, is wrong by it."""
+    with pytest.raises(ValueError, match=message):
+        TwoLinkArmEnv(**options)
+
+
+@pytest.mark.parametrize(("cause", "speed", "options"), ERRORS["too_long"], ids=str)
+def test_a_step_too_long_is_refused_with_one_that_does(cause, speed, options):
+    """It divides all other times too, and the speeds of an arm that starts with 10 rad/s stay below `speed`."""
+    with pytest.raises(ValueError, match=rf"physics_dt=\S+ s is too long for {cause}") as error:
+        TwoLinkArmEnv(**options)
+    step = float(re.search(r"physics_dt=([0-9.e-]+) s would do", str(error.value)).group(1))
+    env = started(**options | {"physics_dt": step, "initial_velocity": 10.0})
+    assert not env.step((0.0, 0.0))[2]
+    assert np.abs(env.truth.velocity).max() < speed
+
+
+@pytest.mark.parametrize("name", ["friction", "action", "reward", "scenario"])
+def test_an_unknown_option_is_a_type_error_in_pythons_words(name):
+    """TorchRL tries `frameskip` on every environment, and goes on after this error alone."""
+    with pytest.raises(TypeError, match=rf"unexpected keyword argument '{name}x'; did you mean '{name}'\?"):
+        gym.make(ID, **{f"{name}x": 100})
+
+
+def test_an_unknown_slot_or_field_is_named():
+    with pytest.raises(ValueError, match=r"did you mean 'reference_position'.* Known: "):
+        TwoLinkArmEnv().layout["referense_position"]
+    with pytest.raises(ValueError, match="unknown option 'rate'"):
+        TwoLinkArmEnv().scenario.replace(rate=3)
+
+
+def test_a_payload_that_is_never_picked_up_is_no_error():
+    env = started(parameter_error={"payload": {"mass": 1.0, "pick_up": 1.7e308}})
+    env.step(np.zeros(2))
+    assert env.truth.payload == 0.0
+
+
+# Records from plain data.
+
+
+def test_a_gain_is_described_with_its_tuning_range():
+    gains = {field.path: (field.form, field.unit, field.tune) for field in describe(PdGravity)}
+    assert gains["frequency"] == ("one or two numbers", "rad/s", "2 to 100")
+
+
+def test_numbers_pairs_lists_and_arrays_make_equal_records():
+    assert Friction(coulomb=2) == Friction(coulomb=np.int32(2)) == Friction(coulomb=(2.0, 2))
+    for ratio in ([1, 2, 1, 1], (1, 2, 1, 1), np.array([1.0, 2.0, 1.0, 1.0])):
+        assert ParameterError(ratio) == ParameterError({"m2": 2.0})
+    assert ParameterError(parameters="m1") == ParameterError(parameters=["m1"])
+    array = options.ArrayDisturbance
+    assert array(np.array(TABLE)) == array([list(row) for row in TABLE])
+    assert Scenario(sensors="position") == Scenario(sensors=["position"])
+
+
+def test_a_number_in_single_precision_is_as_it_is_printed():
+    single, pair = np.float32(0.01), np.array([0.1, 0.2], dtype=np.float32)
+    given = Scenario(control_dt=single, duration=np.float32(0.3), actuator={"torque_limit": pair, "delay": single})
+    assert given == Scenario(control_dt=0.01, duration=0.3, actuator={"torque_limit": (0.1, 0.2), "delay": 0.01})
+
+
+def test_one_value_stands_for_its_record():
+    for name, value, record in (
+        ("parameter_error", 2.0, ParameterError(ratio=2.0)),
+        ("parameter_error", {"payload": 3.0}, ParameterError(payload=options.Payload(3.0))),
+        ("noise", {"position": (0.1, 0.2)}, options.Noise(position=SensorError((0.1, 0.2)))),
+        ("actuator", (10.0, 20.0), options.Actuator(torque_limit=(10.0, 20.0))),
+        ("reference", "fourier", options.FourierReference()),
+        ("arm", "section-2-2", SECTION_2_2),
+    ):
+        assert getattr(TwoLinkArmEnv(**{name: value}).scenario, name) == record
+
+
+def test_none_switches_an_option_off():
+    off = {"parameter_error": None, "noise": None, "friction": None, "disturbance": None}
+    scenario = TwoLinkArmEnv("everything-3", **off).scenario
+    assert dataclasses.replace(scenario, name="nominal", description=Scenario().description) == Scenario()
+    assert TwoLinkArmEnv(actuator=None, action="torque").interface.torque_limit is None
+    assert Scenario(events=None).events == ()
+
+
+def test_a_record_does_not_share_the_data_it_was_made_from():
+    """Later changes of a dict, list or array change no record; making a record changes none of them."""
+    table, sensors = np.array(TABLE), ["position", "velocity"]
+    error = {"ratio": {"m1": 2.0}, "payload": {"mass": 1.0}}
+    env = TwoLinkArmEnv(disturbance={"kind": "array", "torque": table}, parameter_error=error, sensors=sensors)
+    before = env.scenario.to_dict()
+    assert error == {"ratio": {"m1": 2.0}, "payload": {"mass": 1.0}}
+    table[:] = error["ratio"]["m1"] = error["payload"]["mass"] = 9.0
+    sensors.append("acceleration")
+    assert env.scenario.to_dict() == before
+    assert before["disturbance"]["torque"] == [list(row) for row in TABLE]
+
+
+def test_no_default_is_shared_between_environments():
+    TwoLinkArmEnv()._batch._memory[:] = 0.0
+    assert TwoLinkArmEnv()._batch._memory.any()
+
+
+def test_derived_numbers_of_records():
+    for given, std in (({"snr_db": 20.0}, (0.1, 0.1)), ({"sigma": (0.1, 0.2)}, (0.1, 0.2))):
+        assert SensorError(**given).std_at(0.01) == pytest.approx(std)
+    assert (Scenario(control_dt=0.02).substeps, Scenario(control_dt=0.02).steps) == (20, 500)

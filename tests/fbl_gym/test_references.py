@@ -1,6 +1,8 @@
 """References: each equals its definition, and the arm can follow the default within its torque limits."""
 
 import itertools
+import tomllib
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -11,37 +13,16 @@ from fbl_gym.model.arm import inverse_dynamics
 from fbl_gym.options.references import HIGH, LOW
 from tests.fbl_gym.episodes import play, started
 
-POINTS = ((-1.0, 0.2), (-0.4, -0.5), (-1.9, 0.8))
-SMOOTH = {
-    "minimum-jerk": {"kind": "minimum-jerk"},
-    "filtered-steps": {"kind": "filtered-steps"},
-    "sine": {"kind": "sine", "phase": None},
-    "fourier": {"kind": "fourier"},
-    "array": {"kind": "array", "position": np.sin(np.outer(np.arange(501) / 80, [1, 2])), "dt": 0.01},
-}
-
-
 # A long preview gives a whole motion at once, at 10 kHz.
 
 H = 1e-4
-KINDS = {
-    **SMOOTH,
-    "minimum-jerk-points": {"kind": "minimum-jerk", "points": POINTS, "move_time": 0.3, "hold_time": 0.1},
-    "filtered-steps-points": {"kind": "filtered-steps", "points": POINTS, "period": 0.4, "bandwidth": 20.0},
-    "sine-two": {"kind": "sine", "centre": (1.0, 0.0), "amplitude": (0.2, 2.0), "frequency": 3.0, "phase": (0.3, -1.0)},
-    "fourier-fast": {"kind": "fourier", "frequency": 0.5, "harmonics": 9, "amplitude": (0.5, 1.5)},
-    "array-fast": {"kind": "array", "position": np.sin(np.outer(np.arange(40), [0.3, 0.5])), "dt": 0.1},
-}
-ANY = {
-    **KINDS,
-    "steps": {"kind": "steps", "period": 0.3},
-    "steps-points": {"kind": "steps", "points": POINTS, "period": 0.4},
-    "one-point": {"kind": "minimum-jerk", "points": POINTS[:1]},
-    "one-level": {"kind": "steps", "points": POINTS[:1]},
-    "one-filtered-level": {"kind": "filtered-steps", "points": POINTS[:1]},
-    "one-sample": {"kind": "array", "position": POINTS[:1]},
-    "three-samples": {"kind": "array", "position": POINTS, "dt": 0.013},
-}
+MOTIONS = tomllib.loads(Path(__file__).with_name("references.toml").read_text(encoding="utf-8"))
+POINTS = MOTIONS["points"]
+WAVE, FAST = np.sin(np.outer(np.arange(501) / 80, [1, 2])), np.sin(np.outer(np.arange(40), [0.3, 0.5]))
+DRAWN = {"kind": "sine", "phase": None}
+SMOOTH = MOTIONS["smooth"] | {"sine": DRAWN, "array": {"kind": "array", "position": WAVE, "dt": 0.01}}
+KINDS = SMOOTH | MOTIONS["more"] | {"array-fast": {"kind": "array", "position": FAST, "dt": 0.1}}
+ANY = KINDS | MOTIONS["rough"]
 
 
 def foreseen(reference, duration=2.5, seed=0):
@@ -132,7 +113,7 @@ def test_fourier_is_a_sum_of_sines_with_amplitudes_in_proportion_to_one_over_h(c
     assert np.ptp(phase) > 0.5
 
 
-@pytest.mark.parametrize("reference", [{"kind": "sine", "phase": None}, {"kind": "fourier"}], ids=["sine", "fourier"])
+@pytest.mark.parametrize("reference", [DRAWN, {"kind": "fourier"}], ids=["sine", "fourier"])
 def test_drawn_phases_depend_on_the_seed(reference):
     env = TwoLinkArmVectorEnv(64, reference=reference)
     first, again, other = (env.reset(seed=seed)[0][:, env.layout["reference_position"]] for seed in (0, 0, None))

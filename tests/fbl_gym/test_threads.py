@@ -18,7 +18,7 @@ from fbl_gym import TwoLinkArmVectorEnv
 from fbl_gym.kernel.step import api, pool
 from tests.fbl_gym.episodes import ID
 from tests.fbl_gym.test_cuda import CASES
-from tests.fbl_gym.test_lanes import MODES, compare
+from tests.fbl_gym.test_vector_env import MODES, compare
 
 LANES = 330
 pytestmark = pytest.mark.skipif(not pool.SUPPORTED, reason="one thread on this system")

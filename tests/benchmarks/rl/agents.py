@@ -1,4 +1,7 @@
-"""Untrained agents for tests, and arms to train on."""
+"""Untrained agents for tests, arms to train on, and mistakes."""
+
+import tomllib
+from pathlib import Path
 
 import numpy as np
 
@@ -6,6 +9,8 @@ from benchmarks.agents.adapter import AgentAdapter
 from benchmarks.agents.network import Actor
 from benchmarks.training.vec_env import VectorAdapter
 from fbl_gym import TwoLinkArmVectorEnv
+
+MISTAKES = tomllib.loads(Path(__file__).with_name("mistakes.toml").read_text(encoding="utf-8"))
 
 
 def batch(lanes, settings, scenario=None, **options):

@@ -15,7 +15,7 @@ from benchmarks.run.cell import Cell
 from benchmarks.run.runner import run_cell
 from fbl_gym import TwoLinkArmEnv, TwoLinkArmVectorEnv, scenarios
 from fbl_gym.model.arm import forward_dynamics
-from tests.benchmarks.rl.agents import batch, random_actor
+from tests.benchmarks.rl.agents import MISTAKES, batch, random_actor
 
 MOTION = ("position", "velocity")
 ERROR = {"radius": 0.5, "payload": {"mass": 10.0, "pick_up": 0.1, "drop": 0.2}}
@@ -113,15 +113,7 @@ def test_an_agent_observes_the_datasheet_of_arm_springs_and_sensors():
         np.testing.assert_allclose(seen[13:], 1e3 * np.array([*interface.noise_std[0], *interface.resolution]))
 
 
-@pytest.mark.parametrize(("settings", "message"), [
-    ({"action": "torques"}, "unknown action 'torques'; did you mean 'torque'"),
-    ({"base": "cascade"}, "unknown base 'cascade'; did you mean 'cascade-flm'"),
-    ({"action": "blend"}, "second must be a law for a blend alone, and another than base, got ''"),
-    ({"action": "blend", "base": "lqg", "second": "lqg"}, "another than base, got 'lqg'"),
-    ({"memory": -1.0}, "memory must be a finite number not below 0, got -1.0"),
-    ({"history": -1}, "history must be a whole number not below 0, got -1"),
-    ({"scales": (0.1, -1.0, 10.0)}, r"scales\[1\] must be a finite number greater than 0, got -1.0"),
-])  # fmt: skip
+@pytest.mark.parametrize(("settings", "message"), MISTAKES["settings"])
 def test_wrong_settings_are_refused(settings, message):
     with pytest.raises(ValueError, match=message):
         AdapterSettings(**settings)

@@ -24,7 +24,7 @@ from benchmarks.training.train import train
 from benchmarks.training.training_settings import SEEDS_PER_RUN, TrainingSettings, shipped_hyperparameters
 from benchmarks.training.validation import VALIDATION, tracking_error, validate
 from fbl_gym import TwoLinkArmVectorEnv, scenarios
-from tests.benchmarks.rl.agents import batch
+from tests.benchmarks.rl.agents import MISTAKES, batch
 
 SCENARIO = scenarios.get("everything-2").replace(duration=0.2)
 PLAIN = AdapterSettings(sensors=("position", "velocity"))
@@ -84,10 +84,8 @@ def test_the_validation_of_several_scenarios_is_that_of_a_board(tmp_path):
 
 
 def test_each_scenario_has_enough_lanes_and_a_seed_for_each():
-    each, blend = (
-        tuple(map(scenarios.get, scenarios.in_tier("servo-practice", (3,)))),
-        AdapterSettings("blend", second="lqg"),
-    )
+    each = tuple(map(scenarios.get, scenarios.in_tier("servo-practice", (3,))))
+    blend = AdapterSettings("blend", second="lqg")
     lanes = shipped_hyperparameters("ppo")["lanes"], shipped_hyperparameters("ppo", "blend")["lanes"]
     given = ("sac", PLAIN, each), ("sac",), ("ppo", PLAIN, each), ("ppo", blend, each[:10]), ("ppo", blend)
     expected = *[training_settings.LEAST_LANES] * 2, lanes[0] // len(each), lanes[1] // 10, SEEDS_PER_RUN
@@ -279,19 +277,7 @@ def test_options_reach_the_agent(short, fbl_gym):
     assert description["scenario"]["name"] == "mixed-error-1"
 
 
-@pytest.mark.parametrize(("options", "lanes", "arguments", "message"), [
-    ("--scenario mixed-eror-1", 4, {}, "did you mean 'mixed-error"),
-    ("--preview 1e9", 4, {}, "preview must be a finite number not below 0 and not above 100"),
-    ("", 1001, {}, "hyperparameters.lanes must be a whole number not below 1 and not above 1000"),
-    ("", 4, {"n_step": 3}, "hyperparameters.arguments must fit ppo: TypeError"),
-    ("--scenario noise-1", 4, {"n_steps": "x"}, "short.json must have arguments that fit ppo: "),
-    ("--scenario noise-1", 4, {"batch_size": "x"}, "short.json must have arguments that fit ppo: "),
-    ("--scenario noise-1", 4, {"n_epochs": "a"}, "short.json must have arguments that fit ppo: "),
-    ("--scenario noise-1", 4, {"horizon": True}, "horizon must be a finite number greater than 0, got True"),
-    ("--scenario noise-1 --period 0.2", 4, {},
-     "more than the time of a decision (--period, or a step), 0.2 s, got 0.1"),
-    ("--hyperparameters none.json", 4, {}, "none.json must be JSON with an entry 'ppo': JSONDecodeError"),
-])  # fmt: skip
+@pytest.mark.parametrize(("options", "lanes", "arguments", "message"), MISTAKES["train"])
 def test_a_mistake_is_answered_with_what_is_right(options, lanes, arguments, message, short, fbl_gym):
     content = ON_POLICY | {"lanes": lanes, "arguments": ON_POLICY["arguments"] | arguments}
     (short / "short.json").write_text(json.dumps({"ppo": content}))
