@@ -13,6 +13,7 @@ from benchmarks.paper import section_2, section_3, section_4
 from benchmarks.paper.outcome import Outcome, Values
 from benchmarks.report.markdown import table
 from benchmarks.report.plot import plot_lines
+from benchmarks.text import refusing
 from fbl_gym.records.checks import unknown
 
 #: The kinds of a case. Stated: the paper's values, with misprints corrected, or other readings of
@@ -112,9 +113,14 @@ def measure_claim(name: str, number: int | None = None) -> tuple[Measured, Calla
 
 
 def load(folder: Path) -> dict[str, Measured]:
-    """Return the claims of a folder's `claims.json`, by name; none if the file does not exist."""
+    """Return the claims of a folder's `claims.json`, by name; none if the file does not exist.
+
+    Raises:
+        ValueError: the file is not as `save` writes it.
+    """
     path = folder / "claims.json"
-    return json.loads(path.read_text(encoding="utf-8")) if path.exists() else {}
+    with refusing(f"{path} must be absent, or as `fbl-gym reproduce` writes it"):  # a list, of older versions
+        return {**json.loads(path.read_text(encoding="utf-8"))} if path.exists() else {}
 
 
 def save(folder: Path, claims: Mapping[str, Measured]) -> None:

@@ -142,8 +142,6 @@ def rollout_trials(
         # the lane's next episode has another one.
         if not alive.all():
             signals["reference"] = reference_motion(scenario, seeds)[0]
-        if detailed:
-            details[0] = {name: np.full_like(last, np.nan) for name, last in details[-1].items()} | details[0]
         traces.append(Trace(
             scenario=scenario, seeds=tuple(seeds), time=scenario.control_dt * np.arange(steps + 1.0), alive=alive,
             decision_time=float(np.median(waits)) / n, lengths=lengths, event_times=event_times,
@@ -154,8 +152,11 @@ def rollout_trials(
 
 
 def _stacked(rows: Sequence[Mapping[str, Array]]) -> dict[str, Array]:
-    """Return the signals of some samples as arrays, by name."""
-    return {name: np.array([row[name] for row in rows]) for name in (rows[-1] if rows else ())}
+    """Return the signals of some samples as arrays, by name; NaN where one is absent."""
+    return {
+        name: np.array([row[name] if name in row else np.full_like(last, np.nan) for row in rows])
+        for name, last in (rows[-1] if rows else {}).items()
+    }
 
 
 def reference_motion(scenario: Scenario, seeds: Sequence[int]) -> Array:

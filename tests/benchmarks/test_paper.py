@@ -142,3 +142,5 @@ def test_new_measurements_replace_old_ones_and_other_claims_stay(tmp_path, monke
     fbl_gym(f"reproduce --only figure-6a equation-10 --out {tmp_path}")
     assert list(claims.load(tmp_path).items()) == [(name, CLAIM) for name in ("equation-10", "figure-6a", "figure-7")]
     assert (tmp_path / "claims.md").read_text().count("first case, first: 2 %") == 3
+    (tmp_path / "claims.json").write_text('[{"name": "figure-7"}]')
+    assert "claims.json must be absent, or as `fbl-gym reproduce` wr" in fbl_gym(f"reproduce --out {tmp_path}", 2).err

@@ -12,7 +12,7 @@ import controllers
 from benchmarks.report.latex import escape, write_table
 from benchmarks.run.expansion import with_option
 from benchmarks.run.metrics import measure
-from benchmarks.run.rollout import rollout, rollout_trials
+from benchmarks.run.rollout import _stacked, rollout, rollout_trials
 from benchmarks.run.suite import load
 from benchmarks.run.traces import table
 from fbl_gym import TwoLinkArmVectorEnv, scenarios
@@ -89,6 +89,7 @@ def test_signals_are_those_of_the_environment_and_the_policy(signals):
         action, state = policy.predict(observation, state)
         observation = env.step(action)[0]
     assert np.isnan(both("state_memory_{}_1", 0)).all()
+    np.testing.assert_array_equal(_stacked([{}, {}, {"late": np.ones(1)}])["late"], [[np.nan], [np.nan], [1]])
     assert (np.abs(both("motor_position_{}_rad", 20) - both("position_{}_rad", 20)) > 1e-4).any()
 
 
