@@ -129,6 +129,11 @@ def test_an_agent_that_is_not_applicable_is_refused(options, settings, message):
         Agent(TwoLinkArmEnv(**options).interface, AdapterSettings(**settings), None)
 
 
+def test_a_torque_is_a_share_of_the_drives_limits():
+    env, _, torque = start("servo-nominal", sensors=MOTION)
+    np.testing.assert_allclose(torque(1.0, -0.5)[0], env.interface.torque_limit * np.array([1.0, -0.5]))
+
+
 def test_a_residual_is_an_acceleration_of_the_nominal_arm():
     env, observation, torque = start("mixed-error-2", "residual", residual=3.0)
     motion = observation[:, :2], np.zeros((1, 2))
