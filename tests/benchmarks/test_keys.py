@@ -221,10 +221,14 @@ def test_verify_command(tmp_path, fbl_gym):
     path = store.save(published)
     shown = fbl_gym(f"verify pid-flm/noise-1 --store {tmp_path}").out
     assert "pid-flm/noise-1, 2 seeds: holds, bit for bit" in shown
+    rounded = tuple(row | {"error_pct": row["error_pct"] * (1 + 1e-9)} for row in published.rows)
+    store.save(dataclasses.replace(published, rows=rounded))
+    shown = fbl_gym(f"verify {path}").out
+    assert "holds but for rounding, as on another processor: error_pct by up to" in shown
     forged = ({**published.rows[0], "error_pct": 0.001}, *published.rows[1:])
     store.save(dataclasses.replace(published, rows=forged))
     shown = fbl_gym(f"verify {path}", 1).out
-    assert "DIFFERS: error_pct by up to" in shown
+    assert "DIFFERS in 1 of 2 runs: error_pct by up to" in shown
     assert "the policy keeps every promise that check-policy checks" in shown
     assert "did you mean 'pid-flm/noise-1'" in fbl_gym(f"verify pid-flm/noise-2 --store {tmp_path}", 2).err
 
