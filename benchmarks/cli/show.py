@@ -78,10 +78,10 @@ def _words(value: Any) -> str:
     """Return a value in words; both joints' once where they are equal."""
     if isinstance(value, Distribution):
         kind = next(kind for kind, numbers in vars(value).items() if numbers is not None)
-        first, *others = numbers = [f"{x:.4g}" for x in value.values]
+        numbers = [f"{x:.4g}" for x in value.values]
         if kind == "choice":
             return "one of " + ", ".join(numbers)
-        return first if others == [first] else f"{' to '.join(numbers)}, {kind.replace('_', '-')}"
+        return numbers[0] if numbers[0] == numbers[-1] else f"{' to '.join(numbers)}, {kind.replace('_', '-')}"
     if isinstance(value, tuple):
         words = value[:1] if len(value) == 2 and value[0] == value[1] else value
         return "; ".join(map(_words, words)) if len(value) < 9 else f"{len(value)} values"
