@@ -51,7 +51,7 @@ class Drive:
 
     @cached_property
     def coming(self) -> Array:
-        """How long the commands of a queue act until the next one does, the oldest first [s].
+        """Times for which the commands of a queue act, each until the next; the oldest first [s].
 
         The first is the delay less its whole control intervals.
         """

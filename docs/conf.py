@@ -12,9 +12,11 @@ from pathlib import Path
 from docutils import nodes
 from myst_parser.parsers.sphinx_ import MystParser
 
+import fbl_gym
 from benchmarks.cli import COMMANDS, prepare
 from benchmarks.cli.list import options
 from fbl_gym import TwoLinkArmEnv, TwoLinkArmTrackingEnv, __version__
+from fbl_gym.records.record import Record
 
 
 def options_page() -> str:
@@ -84,6 +86,14 @@ for module, chosen in PUBLIC.items():
     page = f"{module}\n{'=' * len(module)}\n\n.. automodule:: {module}\n   {chosen}\n"
     if not (file := API / f"{module}.rst").exists() or file.read_text(encoding="utf-8") != page:
         file.write_text(page, encoding="utf-8")
+
+
+#: The records of the options; those of a scenario and of an arm are elsewhere.
+RECORDS = [
+    name
+    for name, thing in inspect.getmembers(fbl_gym, inspect.isclass)
+    if name in fbl_gym.__all__ and issubclass(thing, Record) and name not in ("ArmParameters", "Scenario")
+]
 
 
 def without_mail(_app, doctree) -> None:
@@ -177,6 +187,7 @@ myst_enable_extensions = ["dollarmath", "amsmath", "substitution"]
 os.environ["COLUMNS"] = "100"  # of the commands' help
 myst_substitutions = {
     "datasheet": inspect.getdoc(TwoLinkArmEnv),  # the docstring is in Markdown, as Gymnasium's are
+    "records": "```{eval-rst}\n" + "\n".join(f".. autoclass:: fbl_gym.{name}" for name in RECORDS) + "\n```\n",
     "tracking": inspect.getdoc(TwoLinkArmTrackingEnv).partition("\nArgs:")[0],
     "commands": "\n".join(f"## {name}\n\n```text\n{prepare(name)[0].format_help()}```\n" for name in COMMANDS),
 }

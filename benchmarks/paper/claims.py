@@ -119,7 +119,7 @@ def load(folder: Path) -> dict[str, Measured]:
         ValueError: the file is not as `save` writes it.
     """
     path = folder / "claims.json"
-    with refusing(f"{path} must be absent, or as `fbl-gym reproduce` writes it"):  # a list, of older versions
+    with refusing(f"{path} must be absent, or as `fbl-gym reproduce` writes it"):  # a list of claims is refused, too
         return {**json.loads(path.read_text(encoding="utf-8"))} if path.exists() else {}
 
 

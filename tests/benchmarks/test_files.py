@@ -66,6 +66,7 @@ def test_files_have_no_control_characters_and_no_formulas(folder):
 
 @pytest.mark.usefixtures("folder")
 def test_a_path_of_any_depth_is_made():
-    write_text(path := Path(*["a"] * 1200, "file"), "")
+    write_text(path := Path(*["a"] * 1200, "file"), "text")
+    assert path.read_text() == "text"
     path.unlink()
     os.removedirs(path.parent)

@@ -11,6 +11,7 @@ import pytest
 
 from benchmarks.agents.policy import SHIPPED
 from benchmarks.cli.common import command_line
+from benchmarks.cli.verify import compare
 from benchmarks.policies import key as keys
 from benchmarks.policies.isolation import run_isolated
 from benchmarks.policies.spec import PolicySpec, _resolved, resolve
@@ -225,6 +226,11 @@ def test_verify_command(tmp_path, fbl_gym):
     store.save(dataclasses.replace(published, rows=rounded))
     shown = fbl_gym(f"verify {path}").out
     assert "holds but for rounding, as on another processor: error_pct by up to" in shown
+    far = {**published.rows[1], "error_pct": 1e6}  # hides no smaller difference of another run
+    for factor, verdict in ((1.0, "holds, bit for bit"), (1.00001, "holds but"), (1.001, "DIFFERS in 1 of 2 runs")):
+        near = {**published.rows[0], "error_pct": factor * published.rows[0]["error_pct"]}
+        one, other = (dataclasses.replace(published, rows=(row, far)) for row in (published.rows[0], near))
+        assert compare(one, other)[1].startswith(verdict)
     forged = ({**published.rows[0], "error_pct": 0.001}, *published.rows[1:])
     store.save(dataclasses.replace(published, rows=forged))
     shown = fbl_gym(f"verify {path}", 1).out

@@ -1,4 +1,4 @@
-"""What changes a running arm at its time, and nothing before it: payloads, events, and a hand."""
+"""Changes of a running arm, which act at their time and not before: payloads, events, and a hand."""
 
 import numpy as np
 import pytest

@@ -154,6 +154,6 @@ def test_the_model_card_of_an_agent_has_the_numbers_of_its_description(name):
             rows = (places[seed] / "curve.csv").read_text(encoding="utf-8").splitlines()[1:]
             assert min(rows, key=lambda row: float(row.split(",")[-1])).split(",")[0] == str(agent["steps"])
         best = agents[best_seed(name)]
-        steps = ", ".join(f"{agent['steps']:,} (seed {seed})" for seed, agent in agents.items())
+        steps = "; ".join(f"{agent['steps']:,}" for agent in agents.values())
         errors = ", ".join(f"{agent['validation_mrad']:.3g}" for agent in agents.values())
         assert all(text in card for text in (steps, errors, best["command"], best["machine"])), robot
