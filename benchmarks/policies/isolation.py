@@ -193,11 +193,16 @@ def _command(argument: str) -> list[str]:
 def _search_path() -> list[str]:
     """Return the folders of modules, the standard library's first, without the current folder.
 
-    A file such as signal.py in a folder of the user must not take the place of a standard module.
+    A file such as signal.py in a folder of the user must not take the place of a standard module,
+    nor a module beside another policy the place of the call's own.
     """
     library, site = os.path.dirname(os.__file__), ("site-packages", "dist-packages")
     standard = [folder for folder in sys.path if folder.startswith(library) and not folder.endswith(site)]
-    return [*standard, *(folder for folder in sys.path if folder and folder not in standard)]
+    return [*standard, *(folder for folder in sys.path if folder and folder not in {*standard, *POLICY_FOLDERS})]
+
+
+#: Folders of policies, which this process has added to the search path.
+POLICY_FOLDERS: set[str] = set()
 
 
 #: Time between two looks at the call [s].

@@ -16,6 +16,7 @@ from numba.np.ufunc.ufuncbuilder import UFuncDispatcher
 
 from benchmarks.agents.policy import folder_factory, shipped
 from benchmarks.agents.sb3 import archive_factory
+from benchmarks.policies.isolation import POLICY_FOLDERS
 from benchmarks.policies.key import PACKAGES, place
 from controllers import registry
 from controllers.composition import compose
@@ -161,7 +162,9 @@ def _outside_code(folder: Path) -> Iterator[None]:
         yield
     finally:
         sys.path.remove(str(folder))
-        sys.path += [str(folder)] * (str(folder) not in sys.path)  # for what it imports later
+        if str(folder) not in sys.path:  # for what it imports later
+            sys.path.append(str(folder))
+            POLICY_FOLDERS.add(str(folder))
         sys.dont_write_bytecode = no_bytecode
         for name in sys.modules.keys() - before:
             if place(str(getattr(sys.modules[name], "__file__", None) or "<frozen")) == "":

@@ -5,6 +5,7 @@ import json
 import shutil
 import subprocess
 import sys
+from importlib.util import find_spec
 from pathlib import Path
 
 import pytest
@@ -328,16 +329,14 @@ def test_a_law_imports_what_lies_beside_it(tmp_path, monkeypatch):
     """Two laws with a `helper` each import their own; their folders stay at the end of the path."""
     before = list(sys.path)
     for gain in (11.0, 12.0):
-        folder = tmp_path / f"of_{gain:g}"
-        folder.mkdir()
-        (folder / "helper.py").write_text(f"GAIN = {gain}\n")
-        (folder / "law.py").write_text(HELPED)
-        made = resolve(str(folder / "law.py")).make(TwoLinkArmEnv())
+        tree(tmp_path / f"of_{gain:g}", {"helper": f"GAIN = {gain}\n", "law": HELPED})
+        made = resolve(str(tmp_path / f"of_{gain:g}/law.py")).make(TwoLinkArmEnv())
         assert made.frequency == (gain, gain)
     monkeypatch.chdir(tmp_path / "of_11")
     (tmp_path / "of_11/law_of_11.py").write_text(HELPED)
     for text in ("law_of_11:make_policy", "law_of_11.py"):
         assert resolve(text).make(TwoLinkArmEnv()).frequency == (11.0, 11.0)
     assert sys.path[: len(before)] == before
+    assert run_isolated(find_spec, "helper") is None  # a call finds what lies beside its own policy
     for name in ("helper", "law_of_11"):
         sys.modules.pop(name, None)
