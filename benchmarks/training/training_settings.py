@@ -101,9 +101,9 @@ class TrainingSettings(Record):
 
     @property
     def lanes(self) -> int:
-        """Return the number of lanes of each arm in each scenario, `LEAST_LANES` of many."""
-        lanes = self.hyperparameters["lanes"]
-        return max(lanes // (len(self.scenarios) * (1 + self.arms)), min(lanes, LEAST_LANES))
+        """Return the number of lanes of each arm in each scenario; `LEAST_LANES` for `ppo`."""
+        lanes, least = self.hyperparameters["lanes"], LEAST_LANES if self.algorithm == "ppo" else 1
+        return max(lanes // (len(self.scenarios) * (1 + self.arms)), min(lanes, least))
 
 
 def _on_drawn_arm(task: Scenario, random: np.random.Generator) -> Scenario:

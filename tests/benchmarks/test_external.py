@@ -123,8 +123,7 @@ def test_no_bad_policy_stops_the_board(tmp_path):
     assert len(list((tmp_path / "store").glob("*--*.json"))) == 1 + len(NAMES)
     fbl_gym("report", *same)
     table = (tmp_path / "results" / "report" / "board.md").read_text(encoding="utf-8")
-    rows = [line for line in table.splitlines() if line.startswith("|")]
-    assert len(rows) == 2 + 1 + len(NAMES)
+    assert sum(line.startswith("|") for line in table.splitlines()) == 2 + 1 + len(NAMES)
     assert "`` :zap: a:b\\|`c*_<i> " in table
     assert "Left out: loads.py: ValueError: E: no" in table
 

@@ -46,8 +46,7 @@ def test_the_key_follows_policy_scenario_and_seeds():
         Cell("controllers.laws.simple:Zero", cell.scenario, cell.seeds),
         Cell("controllers.laws.simple:PdGravity", cell.scenario, cell.seeds),
     ]  # fmt: skip
-    keys = {c.key for c in (cell, *others)}
-    assert len(keys) == len(others) + 1
+    assert len({c.key for c in (cell, *others)}) == len(others) + 1
     assert Cell("pid-flm", cell.scenario.replace(description="other words"), cell.seeds).key == cell.key
 
 

@@ -66,8 +66,15 @@ def test_an_agent_trains_on_several_scenarios_side_by_side(tmp_path, capsys):
     alone = validate(adapter, adapter.base, each)
     assert capsys.readouterr().err.startswith(f"{adapter.base} alone: validation {alone:.3f} mrad")
     assert describe(tmp_path)["scenarios"] == names
-    error = validate(*read(tmp_path), each)
-    assert error == pytest.approx(describe(tmp_path)["validation_mrad"], abs=2e-4)
+    assert validate(*read(tmp_path), each) == pytest.approx(describe(tmp_path)["validation_mrad"], abs=2e-4)
+
+
+def test_an_algorithm_of_sb3_makes_as_many_updates_for_a_sample_with_any_number_of_lanes(tmp_path):
+    updates = []
+    for n in (1, 8):
+        train(settings("sac", scenarios=(SCENARIO,) * n), tmp_path / str(n), evaluations=1)
+        updates.append(torch.load(tmp_path / str(n) / "checkpoint.pt", weights_only=True)["learner"]["updates"])
+    assert updates == [44, 44]  # some 176 samples: of 4 lanes with an update a step, of 8 with two
 
 
 def test_the_validation_of_several_scenarios_is_that_of_a_board(tmp_path):
@@ -88,7 +95,7 @@ def test_each_scenario_has_enough_lanes_and_a_seed_for_each():
     blend = AdapterSettings("blend", second="lqg")
     lanes = shipped_hyperparameters("ppo")["lanes"], shipped_hyperparameters("ppo", "blend")["lanes"]
     given = ("sac", PLAIN, each), ("sac",), ("ppo", PLAIN, each), ("ppo", blend, each[:10]), ("ppo", blend)
-    expected = *[training_settings.LEAST_LANES] * 2, lanes[0] // len(each), lanes[1] // 10, SEEDS_PER_RUN
+    expected = 1, training_settings.LEAST_LANES, lanes[0] // len(each), lanes[1] // 10, SEEDS_PER_RUN
     assert tuple(TrainingSettings(*arguments).lanes for arguments in given) == expected
     with pytest.raises(ValueError, match="not above 2000, got 2001"):
         TrainingSettings("ppo", scenarios=each[:2], hyperparameters=shipped_hyperparameters("ppo") | {"lanes": 2001})
