@@ -201,12 +201,11 @@ def _search_path() -> list[str]:
     return [*standard, *(folder for folder in sys.path if folder and folder not in {*standard, *POLICY_FOLDERS})]
 
 
-#: Folders of policies, which this process has added to the search path.
-POLICY_FOLDERS: set[str] = set()
-
-
 #: Time between two looks at the call [s].
 INTERVAL = 0.005
+
+#: Folders of policies in the search path of this process; those that it starts have none of them.
+POLICY_FOLDERS: set[str] = set()
 
 #: Size of the largest file that a call may write, its prints included [bytes].
 MOST_WRITTEN = 1_000_000_000
@@ -296,7 +295,7 @@ def run_parallel(
     safe = os.environ.get("PYTHONSAFEPATH", "")
     os.environ["PYTHONSAFEPATH"] = "1"  # what starts now imports no standard module from the current folder
     try:
-        pool = ProcessPoolExecutor(workers, multiprocessing.get_context("spawn"), _begin)
+        pool = ProcessPoolExecutor(workers, multiprocessing.get_context("spawn"), _begin, (POLICY_FOLDERS,))
         futures = {pool.submit(function, item): item for item in items}
     finally:
         os.environ["PYTHONSAFEPATH"] = safe  # empty: it is off
@@ -316,8 +315,9 @@ def run_parallel(
             process.kill()
 
 
-def _begin() -> None:
-    """Leave Ctrl-C to the parent, end with it, and use one core; of a worker."""
+def _begin(policy_folders: set[str]) -> None:
+    """Leave Ctrl-C and policies to the parent, end with it, and use one core; of a worker."""
+    sys.path[:] = [folder for folder in sys.path if folder not in policy_folders]
     os.environ["OMP_NUM_THREADS"] = "1"
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     threading.Thread(target=_end_with_parent, daemon=True).start()

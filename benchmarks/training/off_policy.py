@@ -25,8 +25,8 @@ class OffPolicy(BaseCallback):
         env: the arms.
         seed: of the model, and of the first lane of each batch.
         logs: folder for TensorBoard.
-        arguments: of the model's class; the learning rate falls to zero. `gradient_steps` is of the
-            hyperparameters' number of lanes, and in proportion for another.
+        arguments: of the model's class; the learning rate falls to zero. `gradient_steps` are for
+            the lanes of the hyperparameters; with more lanes there are more in proportion.
         progress: of the run.
     """
 
@@ -39,7 +39,7 @@ class OffPolicy(BaseCallback):
         arguments["learning_rate"] = lambda _: rate * (1.0 - progress.fraction(self.steps))
         make = find_class(algorithm)
         self.model = make("MlpPolicy", env, seed=seed, device="cpu", tensorboard_log=logs, **arguments)
-        if (updates := getattr(self.model, "gradient_steps", -1)) > 0:  # -1: one for each sample, with any lanes
+        if (updates := getattr(self.model, "gradient_steps", -1)) > 0:  # -1: as many as lanes
             share = env.num_envs / progress.settings.hyperparameters["lanes"]
             self.model.gradient_steps = max(1, round(updates * share))  # type: ignore[attr-defined]
         self._env, self._progress = env, progress

@@ -101,8 +101,11 @@ class TrainingSettings(Record):
 
     @property
     def lanes(self) -> int:
-        """Return the number of lanes of each arm in each scenario; `LEAST_LANES` for `ppo`."""
-        lanes, least = self.hyperparameters["lanes"], LEAST_LANES if self.algorithm == "ppo" else 1
+        """Return the number of lanes of each arm in each scenario.
+
+        They share those of the hyperparameters; each has at least one, with PPO `LEAST_LANES`.
+        """
+        lanes, least = self.hyperparameters["lanes"], LEAST_LANES if self.algorithm in ("ppo", "sb3-ppo") else 1
         return max(lanes // (len(self.scenarios) * (1 + self.arms)), min(lanes, least))
 
 

@@ -14,7 +14,7 @@ from benchmarks.agents.policy import SHIPPED
 from benchmarks.cli.common import command_line
 from benchmarks.cli.verify import compare
 from benchmarks.policies import key as keys
-from benchmarks.policies.isolation import run_isolated
+from benchmarks.policies.isolation import run_isolated, run_parallel
 from benchmarks.policies.spec import PolicySpec, _resolved, resolve
 from benchmarks.run.cell import Cell
 from benchmarks.run.contract import check
@@ -336,6 +336,6 @@ def test_a_law_imports_what_lies_beside_it(tmp_path, monkeypatch):
     for text in ("law_of_11:make_policy", "law_of_11.py"):
         assert resolve(text).make(TwoLinkArmEnv()).frequency == (11.0, 11.0)
     assert sys.path[: len(before)] == before
-    assert run_isolated(find_spec, "helper") is None  # a call finds what lies beside its own policy
-    for name in ("helper", "law_of_11"):
-        sys.modules.pop(name, None)
+    found = run_isolated(find_spec, "helper"), *dict(run_parallel(find_spec, ["helper"], 2)).values()
+    assert found == (None, None)  # a call and a worker find what lies beside their own policy
+    del sys.modules["helper"], sys.modules["law_of_11"]

@@ -94,8 +94,8 @@ def test_each_scenario_has_enough_lanes_and_a_seed_for_each():
     each = tuple(map(scenarios.get, scenarios.in_tier("servo-practice", (3,))))
     blend = AdapterSettings("blend", second="lqg")
     lanes = shipped_hyperparameters("ppo")["lanes"], shipped_hyperparameters("ppo", "blend")["lanes"]
-    given = ("sac", PLAIN, each), ("sac",), ("ppo", PLAIN, each), ("ppo", blend, each[:10]), ("ppo", blend)
-    expected = 1, training_settings.LEAST_LANES, lanes[0] // len(each), lanes[1] // 10, SEEDS_PER_RUN
+    given = *((name, PLAIN, each) for name in ("sb3-ppo", "sac", "ppo")), ("ppo", blend, each[:10]), ("ppo", blend)
+    expected = training_settings.LEAST_LANES, 1, lanes[0] // len(each), lanes[1] // 10, SEEDS_PER_RUN
     assert tuple(TrainingSettings(*arguments).lanes for arguments in given) == expected
     with pytest.raises(ValueError, match="not above 2000, got 2001"):
         TrainingSettings("ppo", scenarios=each[:2], hyperparameters=shipped_hyperparameters("ppo") | {"lanes": 2001})
