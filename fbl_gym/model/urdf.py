@@ -8,7 +8,7 @@ whatever zeros the file has.
 
 import re
 import warnings
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from typing import Any, NamedTuple
 from xml.etree import ElementTree
 from xml.etree.ElementTree import Element
@@ -18,11 +18,14 @@ import numpy as np
 
 from fbl_gym.model.arm import STANDARD_GRAVITY, ArmParameters, Array
 from fbl_gym.reading import read_bytes
-from fbl_gym.records.checks import Pair, check_choice, check_number, unknown
+from fbl_gym.records.checks import Pair, check_number, check_pair, unknown
 from fbl_gym.records.record import merged
 
 #: The text that stands for an arm of a file; names follow it after a colon, separated by commas.
-FILE = re.compile(r"(?P<path>.*?\.(?:urdf|xacro|xml|mjcf)(?:\.xacro)?)(?::(?P<names>.*))?$")
+FILE = re.compile(r"(?P<path>.*?\.(?:urdf|xacro|xml|mjcf)(?:\.xacro)?)(?::(?P<names>.*))?$", re.IGNORECASE)
+
+#: What may stand before the declaration, against the standard: blanks and whole comments.
+_BEFORE = re.compile(rb"\A(?:\xef\xbb\xbf)?(?:\s|<!--(?:(?!-->).)*-->)*(?=<\?xml)", re.DOTALL)
 
 #: Angles, and distances by the link's length, that are rounding errors.
 _NOTHING = 1e-9
@@ -39,7 +42,8 @@ class _Joint(NamedTuple):
     """A turning joint at zero angles: the link that it turns, axis and place in the base's frame.
 
     `numbers` are effort [N m], damping [N m s/rad], friction [N m] and velocity [rad/s]; None: not
-    in the file. `doubts` say what was neglected or guessed. `rotor` is in kg m^2.
+    in the file. `doubts` say what was neglected or guessed. `rotor` is in kg m^2. `driven` is False
+    if the file has drives, and none is of this joint.
     """
 
     name: str
@@ -49,6 +53,7 @@ class _Joint(NamedTuple):
     numbers: tuple[float | None, ...]
     doubts: tuple[str, ...] = ()
     rotor: float = 0.0
+    driven: bool = True
 
 
 class _Mass(NamedTuple):
@@ -63,19 +68,17 @@ class _Robot(NamedTuple):
     """A file's content, at zero angles.
 
     Attributes:
-        path: of the file, for errors.
         parents: the parent of each link, from the base on; None: it has none.
         joints: that turn or slide, by name; None: it cannot be one of an arm's, and why.
         frames: link and position [3] of each named frame.
-        masses: of each link.
+        mass: returns that of a link.
         up: against gravity [3] m/s^2.
     """
 
-    path: str
     parents: dict[str, str | None]
     joints: dict[str, _Joint | str]
     frames: dict[str, tuple[str, Array]]
-    masses: dict[str, _Mass]
+    mass: Callable[[str], _Mass]
     up: Array
 
 
@@ -83,14 +86,14 @@ class RobotFile(NamedTuple):
     """An arm as a file has it.
 
     Attributes:
-        path: of the file, for warnings.
+        path: of the file, with its joints, for warnings.
         arm: its links.
         limit: largest torque of each drive [2] N m, 0 of a passive joint; None: not in the file.
         viscous: friction of each joint [2] N m s/rad; None: not in the file.
         coulomb: friction of each joint [2] N m; None: not in the file.
         sign: direction of this package's angles in those of the file [2].
         zero: this package's angles at the file's zeros [2] rad.
-        has_tip: False: the length of link 2 is a guess.
+        guess: how to give the length of link 2 in place of a guess; empty: it is none.
         doubts: what was neglected or guessed, one sentence each.
         notes: what else was read, or is not.
     """
@@ -102,7 +105,7 @@ class RobotFile(NamedTuple):
     coulomb: tuple[float | None, ...]
     sign: Pair
     zero: Pair
-    has_tip: bool
+    guess: str
     doubts: list[str]
     notes: list[str]
 
@@ -118,11 +121,9 @@ class RobotFile(NamedTuple):
         warnings.warn(f"{self.path}: {'; '.join(self.notes + self.doubts)}", RobotFileWarning, stacklevel=3)
         error = given.get("parameter_error")
         payload = error.get("payload") if isinstance(error, Mapping) else getattr(error, "payload", None)
-        if not self.has_tip and (payload is not None or "pick-up" in str(given.get("events"))):
-            raise ValueError(
-                f"a payload needs the tip: give {self.path} the length of link 2, as in {self.path}:0.3 [m]"
-            )
-        read = {"actuator": {"torque_limit": limit} if any(self.limit) else {}, "friction": friction}
+        if self.guess and (payload is not None or "pick-up" in str(given.get("events"))):
+            raise ValueError(f"a payload needs the tip: give the length of link 2, as in {self.guess}")
+        read = {"actuator": {"torque_limit": limit} if self.limit != (None, None) else {}, "friction": friction}
         read = {name: merged({} if name in given else base[name], value) for name, value in read.items() if value}
         return merged(read, {**given, "arm": self})
 
@@ -145,43 +146,55 @@ def read_robot(path: str) -> RobotFile:
     match = FILE.match(path)
     file, names = match.groups("") if match else (path, "")
     try:
-        robot = _read(file)
-    except (OSError, expat.ExpatError, KeyError, ValueError) as problem:
+        return _arm(_read(file), file, [name.strip() for name in names.split(",") if name.strip()])
+    except (OSError, LookupError, expat.ExpatError) as problem:
         raise ValueError(f"{file} must be a URDF file: {type(problem).__name__}: {problem}") from None
-    chosen = [name for name in names.split(",") if name]
-    inner, outer = _pair(robot, chosen)
+    except ValueError as problem:
+        raise ValueError(f"{file}: {problem}") from None
+
+
+def _arm(robot: _Robot, file: str, names: list[str]) -> RobotFile:
+    """Return the arm that some names choose: of a tip, or of two joints and perhaps a tip."""
+    joints, tip = (names[:2], names[2:]) if len(names) > 1 else ([], names)
+    if len(tip) > 1 or (joints and joints[0] == joints[1]):
+        raise ValueError(f"the names must be two joints and a tip, as in {file}:SHOULDER,ELBOW,TIP, got {names}")
+    for name in joints:
+        if name not in robot.joints:
+            raise unknown("joint", name, robot.joints)
+    found = {name: robot.joints[name] for name in joints or robot.joints}
+    good = [joint for joint in found.values() if isinstance(joint, _Joint)]
+    if not len(good) == len(found) == 2:
+        got = ", ".join(f"{name} ({joint})" if isinstance(joint, str) else name for name, joint in found.items())
+        raise ValueError(
+            f"there must be two revolute joints, got {got or 'none'}: of more joints, choose two, as in "
+            f"{file}:SHOULDER,ELBOW, and the others are held at 0"
+        )
+    inner, outer = good
     bodies: dict[str | None, int] = {None: 0}
     for link, parent in robot.parents.items():
         bodies[link] = bodies[parent] + (inner.link == link) + (outer.link == link)
     if bodies[inner.link] > bodies[outer.link]:
         inner, outer = outer, inner
     if bodies[outer.link] != 2:
-        raise ValueError(f"{path} must be a chain, got both joints {inner.name!r} and {outer.name!r} on one body")
-    return _planar(robot, inner, outer, bodies, [name for name in chosen if name not in robot.joints])
+        raise ValueError(f"the joints must be a chain, got {inner.name!r} and {outer.name!r} on one body")
+    return _planar(robot, inner, outer, bodies, tip, f"{file}:{','.join([*joints, ''])}")
 
 
-def _pair(robot: _Robot, names: list[str]) -> list[_Joint]:
-    """Return the two joints of an arm: those among some names, or all that there are."""
-    joints = {name: robot.joints[name] for name in names if name in robot.joints} or robot.joints
-    if len(joints) == 1 < len(names):  # one joint and a tip make no arm
-        raise unknown(f"joint in {robot.path}", next(name for name in names if name not in joints), robot.joints)
-    good = [joint for joint in joints.values() if isinstance(joint, _Joint)]
-    if len(good) == len(joints) == 2:
-        return good
-    got = ", ".join(f"{name} ({joint})" if isinstance(joint, str) else name for name, joint in joints.items())
-    raise ValueError(
-        f"{robot.path} must have two revolute joints, got {got or 'none'}: of more joints, choose two, as in "
-        f"{robot.path}:SHOULDER,ELBOW, and the others are held at 0"
-    )
+def _planar(
+    robot: _Robot, inner: _Joint, outer: _Joint, bodies: dict[str | None, int], names: list[str], stem: str
+) -> RobotFile:
+    """Return the arm of two joints and their bodies; complex numbers are vectors in its plane.
 
-
-def _planar(robot: _Robot, inner: _Joint, outer: _Joint, bodies: dict[str | None, int], names: list[str]) -> RobotFile:
-    """Return the arm of two joints and their bodies; complex numbers are vectors in its plane."""
-    path, doubts = robot.path, [*inner.doubts, *outer.doubts]
+    `names` has the tip, if it is named. A tip follows `stem`, the file and its joints.
+    """
+    doubts = [*inner.doubts, *outer.doubts]
+    for name, joint in robot.joints.items():
+        if joint in (f"a mimic of {inner.name}", f"a mimic of {outer.name}"):
+            doubts.append(f"{name}, {joint}, is held at 0")
     axis, second = (joint.axis / np.linalg.norm(joint.axis) for joint in (inner, outer))
     sign, tilt = (1.0 if axis @ second > 0 else -1.0), float(np.linalg.norm(np.cross(axis, second)))
     if tilt > _TOLERANCE:
-        raise ValueError(f"{path} must have parallel axes, got {axis.round(6)} and {second.round(6)}")
+        raise ValueError(f"the joints must have parallel axes, got {axis.round(6)} and {second.round(6)}")
     if tilt > _NOTHING:
         doubts.append(f"the angle of {tilt:.2g} rad between the axes is neglected")
     # The plane of motion: y upwards, and positive angles turn as joint 1 does.
@@ -197,10 +210,10 @@ def _planar(robot: _Robot, inner: _Joint, outer: _Joint, bodies: dict[str | None
 
     def body(number: int, joint: _Joint) -> tuple[float, complex, float]:
         """Return mass, centre of mass from the joint and inertia about the joint."""
-        parts = [part for link, part in robot.masses.items() if bodies[link] == number]
+        parts = [robot.mass(link) for link in robot.parents if bodies[link] == number]
         mass = float(sum(part.mass for part in parts))
         if mass <= 0.0:
-            raise ValueError(f"{path} must give link {number} a mass (an <inertial> element), got {mass:g} kg")
+            raise ValueError(f"link {number} must have a mass (an <inertial> element), got {mass:g} kg")
         at = [complex(plane @ (part.centre - joint.place)) for part in parts]
         about = (axis @ part.inertia @ axis + part.mass * abs(z) ** 2 for part, z in zip(parts, at, strict=True))
         return mass, sum(part.mass * z for part, z in zip(parts, at, strict=True)) / mass, float(sum(about))
@@ -208,12 +221,12 @@ def _planar(robot: _Robot, inner: _Joint, outer: _Joint, bodies: dict[str | None
     (m1, centre1, about1), (m2, centre2, about2) = body(1, inner), body(2, outer)
     line = complex(plane @ (outer.place - inner.place))
     if abs(line) < _NOTHING:
-        raise ValueError(f"{path} must have its joints apart, got {inner.name!r} and {outer.name!r} on one axis")
+        raise ValueError(f"the joints must lie apart, got {inner.name!r} and {outer.name!r} on one axis")
     offset = centre1 * abs(line) / line  # along the line, and beside it
     turned, beside = abs(np.angle(m1 * offset + m2 * abs(line))), abs(offset.imag)
     if acceleration > 0 and turned > _TOLERANCE:
         raise ValueError(
-            f"{path} must have the centre of mass of link 1 on the line through both joints, got {beside:.3g} m beside it"
+            f"the centre of mass of link 1 must lie on the line through both joints, got {beside:.3g} m beside it"
         )
     if acceleration > 0 and turned > _NOTHING:
         torque = m1 * beside * acceleration
@@ -221,7 +234,7 @@ def _planar(robot: _Robot, inner: _Joint, outer: _Joint, bodies: dict[str | None
     places = (
         (name, complex(plane @ (at - outer.place))) for name, (link, at) in robot.frames.items() if bodies[link] == 2
     )
-    tip, has_tip = _tip(robot, names, {name: at for name, at in places if abs(at) > 1e-6}, centre2, doubts)
+    tip, guess = _tip(names, {name: at for name, at in places if abs(at) > 1e-6}, centre2, doubts, stem)
     # A centre of mass beside the line to the tip is another zero of theta2.
     distance = abs(centre2) if (centre2 / tip).real >= 0 else -abs(centre2)
     towards = centre2 / distance if abs(centre2) > _NOTHING * abs(tip) else tip
@@ -235,38 +248,47 @@ def _planar(robot: _Robot, inner: _Joint, outer: _Joint, bodies: dict[str | None
     )  # fmt: skip
     limit, viscous, coulomb, velocity = zip(inner.numbers, outer.numbers, strict=True)
     limit = limit if any(limit) else (None, None)
+    if inner.driven != outer.driven:  # without a drive at both, those of the file are of other joints
+        limit = limit[0] if inner.driven else 0.0, limit[1] if outer.driven else 0.0
+        doubts.append(f"nothing drives {(inner if outer.driven else outer).name}: its torque limit is 0")
     notes = [f"theta1 = q1 {zero[0]:+.5g} and theta2 = {'-' * (sign < 0)}q2 {zero[1]:+.5g} rad for the file's q1, q2"]
     for name, given in (("torque limits (effort)", limit), ("damping", viscous), ("friction", coulomb)):
+        check_pair(name, [x or 0.0 for x in given], low=0.0)
         notes.append(f"{name}: {', '.join('none' if x is None else f'{x:g}' for x in given)}")
     if any(velocity):
         notes.append("the limits of the velocity are not used: `constraints.velocity` has such bounds")
-    return RobotFile(path, arm, limit, viscous, coulomb, (1.0, sign), zero, has_tip, doubts, notes)
+    return RobotFile(stem.rstrip(":,"), arm, limit, viscous, coulomb, (1.0, sign), zero, guess, doubts, notes)
 
 
 def _tip(
-    robot: _Robot, names: list[str], frames: dict[str, complex], centre: complex, doubts: list[str]
-) -> tuple[complex, bool]:
-    """Return the tip from the second joint: named, a length, a frame, or a guess (False)."""
-    if names and re.fullmatch(r"\d+\.?\d*|\.\d+", names[0]):
-        length = check_number(f"length of link 2 in {robot.path}", float(names[0]), above=0)
-        return length * (centre / abs(centre) if centre else 1.0), True
-    if names:
-        return frames[check_choice(f"joint or tip in {robot.path}", names[0], {**robot.joints, **frames})], True
+    names: list[str], frames: dict[str, complex], centre: complex, doubts: list[str], stem: str
+) -> tuple[complex, str]:
+    """Return the tip from the second joint, and how to give its length if it is a guess."""
+    for name in names:
+        if re.fullmatch(r"\d+\.?\d*|\.\d+", name):
+            length = check_number("length of link 2", float(name), above=0)
+            return length * (centre / abs(centre) if centre else 1.0), ""
+        if name not in frames:
+            raise unknown("tip (a frame of link 2, off its joint)", name, frames)
+        return frames[name], ""
     ahead = {name: at for name, at in frames.items() if (at * centre.conjugate()).real >= 0} or frames
     if ahead:
         farthest, *others = sorted(ahead, key=lambda name: -abs(ahead[name]))
         if others := [name for name in others if abs(ahead[name] - ahead[farthest]) > 1e-6]:
             doubts.append(
-                f"the tip is taken to be {farthest}, the farthest frame: name another, as in {robot.path}:{others[0]}"
+                f"the tip is taken to be {farthest}, the farthest frame: name another, as in {stem}{others[0]}"
             )
-        return ahead[farthest], True
+        return ahead[farthest], ""
+    guess = f"{stem}0.3 [m]"
     if abs(centre) < 1e-6:
-        raise ValueError(f"{robot.path} must have a frame at its tip: a link on a fixed joint beyond the second one")
+        raise ValueError(
+            f"link 2 must have a frame at its tip, a link on a fixed joint, or be given its length, as in {guess}"
+        )
     doubts.append(
         f"no frame at the tip: the length of link 2 is taken to be {2 * abs(centre):.4g} m, twice the distance of its "
-        f"centre of mass; pictures and payloads need the real one, as in {robot.path}:0.3 [m]"
+        f"centre of mass; pictures and payloads need the real one, as in {guess}"
     )
-    return 2.0 * centre, False
+    return 2.0 * centre, guess
 
 
 # The robot of a file.
@@ -274,78 +296,89 @@ def _tip(
 
 def _read(path: str) -> _Robot:
     text = read_bytes(path)
-    # Without namespaces, whose prefixes may be undeclared, and what stands before the declaration.
+    # Without namespaces, whose prefixes may be undeclared.
     builder, parser = ElementTree.TreeBuilder(), expat.ParserCreate()
     parser.StartElementHandler, parser.EndElementHandler = builder.start, builder.end
-    parser.Parse(text[max(text.find(b"<?xml"), 0) :], True)
+    parser.Parse(_BEFORE.sub(b"", text), True)
     root = builder.close()
     if root.tag == "mujoco":
         return _read_mujoco(path)
-    if any(element.tag.startswith("xacro:") for element in root.iter()):
+    if root.tag != "robot":
+        raise ValueError(f"the root must be <robot>, or <mujoco>, got <{root.tag}>")
+    if any(re.match("xacro:(?!property$|arg$)", element.tag) for element in root.iter()):  # those two do nothing alone
         raise ValueError(f"it has macros of xacro, expand them first: xacro {path} > arm.urdf, or pip install xacrodoc")
-    return _read_urdf(path, root)
+    return _read_urdf(root)
 
 
-def _read_urdf(path: str, root: Element) -> _Robot:
-    links: dict[str, Element] = {}
-    for link in root.findall("link"):
-        if links.setdefault(link.attrib["name"], link) is not link:
-            raise ValueError(f"links must have different names, got {link.attrib['name']!r} twice")
-    waiting = {joint.attrib["name"]: joint for joint in root.findall("joint")}
-    driven = {joint.get("name") for joint in root.findall("transmission/joint")}
-    ends = {
-        name: [_child(joint, end, f"of joint {name!r}").attrib["link"] for end in ("parent", "child")]
-        for name, joint in waiting.items()
-    }
-    for parent in {parent for parent, _ in ends.values()} & {"world"} - links.keys():
-        links[parent] = Element("link", name=parent)  # by convention, it needs no declaration
-    below = {child for _, child in ends.values()}
+def _read_urdf(root: Element) -> _Robot:
+    links, waiting = _named(root, "link"), _named(root, "joint")
+    driven = {joint.get("name") for joint in root.findall("transmission/joint")} or set(waiting)
+    ends: dict[str, tuple[str, str]] = {}
+    below: set[str] = set()
+    for name, joint in waiting.items():
+        of = f"joint {name!r}"
+        parent, child = (_attribute(_child(joint, end, of), "link", of) for end in ("parent", "child"))
+        if parent == "world":
+            links.setdefault(parent, Element("link", name=parent))  # by convention, it needs no declaration
+        for link in (parent, child):
+            if link not in links:
+                raise unknown(f"link of {of}", link, links)
+        if child in below:
+            raise ValueError(f"link {child!r} must be the child of one joint, got a second one, {name!r}")
+        ends[name] = parent, child
+        below.add(child)
     parents: dict[str, str | None] = {name: None for name in links if name not in below}
     poses, joints = {name: np.eye(4) for name in parents}, {}
     while waiting:
-        name = next((name for name in waiting if ends[name][0] in poses), None)
-        if name is None:
-            lost = sorted({parent for parent, _ in ends.values()} - links.keys())
-            raise ValueError(
-                f"the joints {', '.join(sorted(waiting))} hang on no link: {', '.join(lost) or 'a circle'}"
-            )
+        if not (ready := [name for name in waiting if ends[name][0] in poses]):
+            raise ValueError(f"the joints {', '.join(sorted(waiting))} must hang on the base, got a circle")
+        name = ready[0]
         joint, (parent, child) = waiting.pop(name), ends[name]
-        parents[child], poses[child] = parent, poses[parent] @ _read_pose(joint)
-        if (kind := joint.attrib["type"]) != "fixed":
-            joints[name] = found = _read_joint(joint, kind, child, poses[child])
-            if driven and name not in driven and isinstance(found, _Joint):
-                doubt = f"no <transmission> drives {name}: its torque limit is 0"
-                joints[name] = found._replace(numbers=(0.0, *found.numbers[1:]), doubts=(doubt,))
+        parents[child], poses[child] = parent, poses[parent] @ _read_pose(joint, f"joint {name!r}")
+        if (kind := _attribute(joint, "type", f"joint {name!r}")) != "fixed":
+            joints[name] = _read_joint(joint, kind, child, poses[child], name in driven)
     frames = {name: (name, pose[:3, 3]) for name, pose in poses.items()}
-    masses = {name: _read_mass(link, poses[name]) for name, link in links.items() if name in poses}
-    return _Robot(path, parents, joints, frames, masses, np.array([0.0, 0.0, STANDARD_GRAVITY]))
+    up = np.array([0.0, 0.0, STANDARD_GRAVITY])
+    return _Robot(parents, joints, frames, lambda name: _read_mass(links[name], poses[name]), up)
 
 
-def _read_joint(joint: Element, kind: str, link: str, pose: Array) -> _Joint | str:
+def _named(root: Element, tag: str) -> dict[str, Element]:
+    """Return the elements of a tag by name."""
+    elements: dict[str, Element] = {}
+    for element in root.findall(tag):
+        name = _attribute(element, "name", f"each {tag}")
+        if elements.setdefault(name, element) is not element:
+            raise ValueError(f"{tag}s must have different names, got {name!r} twice")
+    return elements
+
+
+def _read_joint(joint: Element, kind: str, link: str, pose: Array, driven: bool) -> _Joint | str:
     """Return a joint, or why it is no joint of an arm."""
     if kind not in ("revolute", "continuous"):
         return kind
     if (mimic := joint.find("mimic")) is not None:
         return f"a mimic of {mimic.get('joint')}"
-    name, axis = joint.attrib["name"], _read_vector(joint.find("axis"), "xyz", "1 0 0")
+    of = f"joint {joint.attrib['name']!r}"
+    axis = _read_vector(joint.find("axis"), "xyz", "1 0 0", f"axis of {of}")
     if not np.linalg.norm(axis) > 0.0:
-        raise ValueError(f"axis of {name} must have a direction, got {axis}")
+        raise ValueError(f"axis of {of} must have a direction, got {axis}")
     texts = {key: value for tag in ("limit", "dynamics") for each in joint.findall(tag) for key, value in each.items()}
     names = ("effort", "damping", "friction", "velocity")
-    numbers = tuple(_number(f"{key} of {name}", texts[key]) if key in texts else None for key in names)
-    return _Joint(name, link, pose[:3, :3] @ axis, pose[:3, 3], numbers)
+    effort, *numbers = (_number(f"{key} of {of}", texts[key]) if key in texts else None for key in names)
+    effort = effort if effort is not None and 0.0 <= effort < np.inf else None  # -1 stands for none, too
+    return _Joint(joint.attrib["name"], link, pose[:3, :3] @ axis, pose[:3, 3], (effort, *numbers), driven=driven)
 
 
 def _read_mass(link: Element, pose: Array) -> _Mass:
-    inertial, of = link.find("inertial"), f"of link {link.get('name')!r}"
+    inertial, of = link.find("inertial"), f"link {link.get('name')!r}"
     if inertial is None:
         return _Mass(0.0, np.zeros(3), np.zeros((3, 3)))
     inertia, mass = (_child(inertial, name, of) for name in ("inertia", "mass"))
-    moments = {name: _number(f"{name} {of}", value) for name, value in inertia.attrib.items()}
+    moments = {name: _number(f"{name} of {of}", value) for name, value in inertia.attrib.items()}
     matrix = [[moments.get("i" + "".join(sorted(row + column)), 0.0) for column in "xyz"] for row in "xyz"]
-    pose = pose @ _read_pose(inertial)
+    pose = pose @ _read_pose(inertial, of)
     turn = pose[:3, :3]
-    return _Mass(_number(f"mass {of}", mass.attrib["value"]), pose[:3, 3], turn @ np.array(matrix) @ turn.T)
+    return _Mass(_number(f"mass of {of}", _attribute(mass, "value", of)), pose[:3, 3], turn @ np.array(matrix) @ turn.T)
 
 
 def _number(name: str, text: str) -> float:
@@ -353,26 +386,26 @@ def _number(name: str, text: str) -> float:
     try:
         return float(text)
     except ValueError:
-        hint = ": expand the macros of xacro first" if "${" in text else ""
+        hint = ": expand the macros of xacro first" if "$" in text else ""
         raise ValueError(f"{name} must be a number, got {text!r}{hint}") from None
 
 
-def _read_vector(element: Element | None, name: str, default: str) -> Array:
+def _read_vector(element: Element | None, key: str, default: str, name: str) -> Array:
     """Return the three numbers of an attribute."""
-    text = default if element is None else element.get(name, default)
-    vector = np.array([_number(name, each) for each in text.split()])
+    text = default if element is None else element.get(key, default)
+    vector = np.array([_number(f"{key} of {name}", each) for each in text.split()])
     if vector.shape != (3,) or not np.isfinite(vector).all():
-        raise ValueError(f"{name} must be three numbers, got {text!r}")
+        raise ValueError(f"{key} of {name} must be three numbers, got {text!r}")
     return vector
 
 
-def _read_pose(element: Element) -> Array:
+def _read_pose(element: Element, of: str) -> Array:
     """Return the pose of an element's `origin` [4 x 4]: turned about x, y, z in turn, moved."""
     from scipy.spatial.transform import Rotation  # few programs need it, and it takes long to import
 
     origin, pose = element.find("origin"), np.eye(4)
-    pose[:3, :3] = Rotation.from_euler("xyz", _read_vector(origin, "rpy", "0 0 0")).as_matrix()
-    pose[:3, 3] = _read_vector(origin, "xyz", "0 0 0")
+    pose[:3, :3] = Rotation.from_euler("xyz", _read_vector(origin, "rpy", "0 0 0", of)).as_matrix()
+    pose[:3, 3] = _read_vector(origin, "xyz", "0 0 0", of)
     return pose
 
 
@@ -380,8 +413,15 @@ def _child(element: Element, name: str, of: str) -> Element:
     """Return a child element that must be there."""
     child = element.find(name)
     if child is None:
-        raise ValueError(f"there must be a <{name}> {of}")
+        raise ValueError(f"{of} must have a <{name}>")
     return child
+
+
+def _attribute(element: Element, name: str, of: str) -> str:
+    """Return an attribute that must be there."""
+    if name not in element.attrib:
+        raise ValueError(f"{of} must have a {name!r} in its <{element.tag}>, got {element.attrib}")
+    return element.attrib[name]
 
 
 def _read_mujoco(path: str) -> _Robot:
@@ -397,34 +437,33 @@ def _read_mujoco(path: str) -> _Robot:
     joints: dict[str, _Joint | str] = {}
     for i in range(model.njnt):
         name, dof = model.joint(i).name or f"joint {i}", model.jnt_dofadr[i]
-        effort, *doubts = _effort(model, i, name)
+        driven, effort, *doubts = _effort(model, i, name)
         doubts += [f"the spring of {name} is neglected"] if model.jnt_stiffness[i] else []
         numbers = effort, float(model.dof_damping.flat[dof]), float(model.dof_frictionloss[dof]), None
         joint = name, links[model.jnt_bodyid[i]], data.xaxis[i].copy(), data.xanchor[i].copy(), numbers, tuple(doubts)
         hinge = model.jnt_type[i] == mujoco.mjtJoint.mjJNT_HINGE
-        joints[name] = _Joint(*joint, float(model.dof_armature[dof])) if hinge else "no hinge"
+        joints[name] = _Joint(*joint, float(model.dof_armature[dof]), driven) if hinge else "no hinge"
     sites = {model.site(i).name: (links[model.site_bodyid[i]], data.site_xpos[i].copy()) for i in range(model.nsite)}
     turns = data.ximat.reshape(-1, 3, 3)
     inertias = np.einsum("nij,nj,nkj->nik", turns, model.body_inertia, turns)
     masses = dict(zip(links, map(_Mass, map(float, model.body_mass), data.xipos, inertias), strict=True))
     parents = {link: links[model.body_parentid[i]] if i else None for i, link in enumerate(links)}
     frames = {link: (link, data.xpos[i].copy()) for i, link in enumerate(links)} | sites
-    return _Robot(path, parents, joints, frames, masses, -model.opt.gravity)
+    return _Robot(parents, joints, frames, masses.__getitem__, -model.opt.gravity)
 
 
 def _effort(model: Any, joint: int, name: str) -> tuple[Any, ...]:
-    """Return the largest torque of a joint's actuators, None without a limit, and what is doubtful.
+    """Return whether a joint is driven, its largest torque, None without a limit, and doubts.
 
     The control of a motor is a force; that of a servo, such as a position, tells none. Forces act
-    through the gear. Those of several actuators at one joint add up. Where joints have actuators,
-    one without has a torque of 0.
+    through the gear. Those of several actuators at one joint add up.
     """
     from mujoco import mjtBias, mjtDyn, mjtGain, mjtTrn
 
     drives = np.isin(model.actuator_trntype, (mjtTrn.mjTRN_JOINT, mjtTrn.mjTRN_JOINTINPARENT))
     own = np.flatnonzero(drives & (model.actuator_trnid[:, 0] == joint))
     if not len(own):
-        return (0.0 if drives.any() else None,)
+        return not drives.any(), None
     torques = np.zeros(2)
     for i in own:
         force = np.array([-np.inf, np.inf])
@@ -437,8 +476,8 @@ def _effort(model: Any, joint: int, name: str) -> tuple[Any, ...]:
         torques = torques + np.sort(force * model.actuator_gear[i, 0])
     low, high = np.clip(torques, *model.jnt_actfrcrange[joint]) if model.jnt_actfrclimited[joint] else torques
     if not np.isfinite((low, high)).all():
-        return None, f"the actuators of {name} have no range of forces: it has no torque limit"
+        return True, None, f"the actuators of {name} have no range of forces: it has no torque limit"
     effort = float(max(-low, high))
     if abs(low + high) <= 1e-9:
-        return (effort,)
-    return effort, f"the torque of {name} lies within {low:g} and {high:g} N m, and the larger bound is taken"
+        return True, effort
+    return True, effort, f"the torque of {name} lies within {low:g} and {high:g} N m, and the larger bound is taken"

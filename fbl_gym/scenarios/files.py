@@ -112,6 +112,7 @@ def from_table(table: Mapping[str, Any], path: Path | None = None, above: tuple[
             if "arm" in fields:
                 given = as_arm("arm", merged(parent.to_dict()["arm"], fields["arm"]))
                 for doubt in () if isinstance(arm, str) else _doubts(given):  # before an error that follows from it
+                    doubt = doubt.partition("; beside")[0] if isinstance(arm, RobotFile) else doubt
                     warnings.warn(f"{path or 'arm'}: {doubt}", UnitsWarning, stacklevel=2)
                 parent = tier_scenario(base, given) if base in MEMBERS else parent
                 fields = arm.options(fields, parent.to_dict()) if isinstance(arm, RobotFile) else fields

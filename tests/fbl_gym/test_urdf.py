@@ -81,6 +81,8 @@ NO_TIP = chain().replace('<origin xyz="0.3 0 0"/></joint>\n    </robot>', "</joi
     (chain(extra=HOLD).replace("<robot", '<robot xmlns="https://drake.mit.edu"'), 1e-9, ""),
     (chain(centre2="0.12 0.02 0.03"), 1e-9, "tip 0.15 rad"),
     (chain(extra=BEHIND), 1e-9, ""),
+    (chain().replace('<link name="base"/>', '<link name="base"><inertial/></link><xacro:property name="a"/>'), 1e-9, ""),
+    (chain().replace("<robot", "<!-- <?xml --><robot"), 1e-9, ""),
     (chain(elbow='0.4 0.05 0" rpy="0 3.14 0'), 1e-9, ""),
     (chain(elbow="0.4 0.05 2e-6"), 1e-4, "link 1 is 9.4e-07 m beside its line: 3.7e-05 N m are neglected"),
     (chain(elbow='0.4 0.05 0" rpy="3.14 0 0'), 1e-2, "0.0016 rad between the axes is neglected"),
@@ -99,7 +101,8 @@ def test_the_dynamics_equals_mujocos(file):
     assert_equal_to(str(MUJOCOS), mujocos(str(MUJOCOS)))
     robot = read_robot(str(MUJOCOS))
     assert (robot.limit, robot.viscous, robot.arm.rotor) == ((0.0, 2.0), (0.05, 0.0), (0.2, 0.0))
-    assert (robot.arm.L2, robot.arm.gravity, robot.doubts) == (pytest.approx(1.0), pytest.approx(9.8), [])
+    assert (robot.arm.L2, robot.arm.gravity) == (pytest.approx(1.0), pytest.approx(9.8))
+    assert robot.doubts == ["nothing drives shoulder: its torque limit is 0"]
 
 
 @pytest.mark.parametrize(("elbow", "limit", "doubt"), [
@@ -134,18 +137,23 @@ def test_lengths_gravity_and_tilt(file):
 
 
 DRIVEN = chain().replace('effort="1"', 'effort="12"').replace("</limit>", "")
-PENDUBOT = DRIVEN.replace("</robot>", '<transmission><joint name="shoulder"/></transmission></robot>')
+PENDUBOT, OTHERS = (
+    DRIVEN.replace("</robot>", f'<transmission><joint name="{name}"/></transmission></robot>')
+    for name in ("shoulder", "hand")
+)
 FRICTION = DRIVEN.replace('velocity="1"/>', 'velocity="1"/><dynamics damping="0.001" friction="0.16"/>')
 
 
-DRIVES = [(DRIVEN, (12.0, 12.0), None), (PENDUBOT, (12.0, 0.0), None), (FRICTION, (12.0, 12.0), (0.16, 0.001))]
+NO_LIMIT = PENDUBOT.replace('effort="12"', 'effort="-1"')
+DRIVES = [(DRIVEN, (12.0, 12.0), None), (PENDUBOT, (12.0, 0.0), None), (FRICTION, (12.0, 12.0), (0.16, 0.001)),
+          (OTHERS, (12.0, 12.0), None), (NO_LIMIT, (2000.0, 0.0), None)]  # fmt: skip
 
 
 @pytest.mark.parametrize(("text", "limit", "friction"), DRIVES)
 def test_an_environment_takes_arm_drives_and_friction_and_says_so(file, text, limit, friction):
     path = file(text)
-    message = f"(?s)theta1 = .*effort.*: {limit[0]:g}, {limit[1]:g}.*the velocity are not"
-    message += "(?s:.*no <transmission> drives elbow: its torque limit is 0)" if text == PENDUBOT else ""
+    message = f"(?s)theta1 = .*effort.*: ({limit[0]:g}|none), {limit[1]:g}.*the velocity are not"
+    message += "(?s:.*nothing drives elbow: its torque limit is 0)" if limit[1] == 0.0 else ""
     for make in (lambda arm: TwoLinkArmEnv(arm=arm).scenario, Scenario, lambda arm: as_scenario({"arm": arm})):
         with pytest.warns(RobotFileWarning, match=message):
             scenario = make(arm=path)
@@ -161,10 +169,16 @@ def test_names_choose_joints_and_tip(file):
     path = file(chain(extra=THIRD + BEHIND))
     for names, message in (
         ("", r"two revolute joints, got shoulder, elbow, wrist.*:SHOULDER,ELBOW"),
-        (":shoulder,elbow,to", r"unknown joint or tip in .* 'to'; did you mean 'tool'"),
+        (":shoulder,elbow,to", r"arm.urdf: unknown tip .* 'to'; did you mean 'tool'"),
+        (":shoulder,elbow,two", r"unknown tip .a frame of link 2, off its joint. 'two'.* Known: .*tool"),
+        (
+            ":shoulder,shoulder",
+            r"must be two joints and a tip, as in .*:SHOULDER,ELBOW,TIP, got .'shoulder', 'shoulder'.",
+        ),
+        (":shoulder,elbow,tool,0.7", r"must be two joints and a tip"),
         (".txt", r"\.urdf\.txt must be a URDF file: FileNotFoundError"),
-        (":shoulder,elbow,1.2.3", r"unknown joint or tip in .* '1\.2\.3'"),
-        (":shoulder,elbo", r"unknown joint in .* 'elbo'; did you mean 'elbow'"),
+        (":shoulder,elbow,1.2.3", r"unknown tip .* '1\.2\.3'"),
+        (":shoulder,elbo", r"arm.urdf: unknown joint 'elbo'; did you mean 'elbow'"),
     ):
         with pytest.raises(ValueError, match=message):
             read_robot(f"{path}{names}")
@@ -172,8 +186,15 @@ def test_names_choose_joints_and_tip(file):
     assert (arms[0], arms[1].L2) == (read_robot(file(chain())).arm, 0.5)
     two = file(chain(extra=BEHIND))
     assert [read_robot(f"{two}:{tip}").arm for tip in ("tool", "0.5")] == arms
-    with pytest.raises(ValueError, match=r"payload needs the tip"), pytest.warns(RobotFileWarning):
-        Scenario(arm=file(NO_TIP), parameter_error={"payload": 1.0})
+    with (
+        pytest.raises(ValueError, match=r"payload needs the tip.*urdf:shoulder,elbow,0.3"),
+        pytest.warns(RobotFileWarning),
+    ):
+        Scenario(arm=file(NO_TIP) + ":shoulder,elbow", parameter_error={"payload": 1.0})
+    wrist = THIRD.replace('"hand"', '"wrist"').replace("<axis", '<origin xyz="0.1 0 0"/><mimic joint="elbow"/><axis')
+    path = Path(file(chain(extra=wrist))).rename(path.replace(".urdf", ".URDF"))
+    robot = read_robot(f"{path}:shoulder,elbow,wrist")  # a link and a joint, held at 0
+    assert (robot.arm.L2, robot.doubts[0]) == (pytest.approx(0.1), "wrist, a mimic of elbow, is held at 0")
 
 
 THIRD = """<link name="hand"/><joint name="wrist" type="revolute"><parent link="two"/><child link="hand"/>
@@ -185,21 +206,30 @@ WEIGHTLESS = re.sub(r'(?<=name="t)(wo|ool)"><inertial>.*?</inertial>', r'\1">', 
 
 
 @pytest.mark.parametrize(("text", "message"), [
-    (chain().replace('<joint name="shoulder"', "<joint"), "must be a URDF file: KeyError: 'name'"),
-    (chain(extra=THIRD.replace('"two"', '"nothing"')), "the joints wrist hang on no link: nothing"),
+    (chain().replace('<joint name="shoulder"', "<joint"), "arm.urdf: each joint must have a 'name' in its <joint>, got"),
+    (chain().replace('value="3.0"', ""), "link 'one' must have a 'value' in its <mass>"),
+    (chain(extra=THIRD.replace('"two"', '"nothing"')), "unknown link of joint 'wrist' 'nothing'"),
+    (chain(extra=THIRD.replace('child link="hand"', 'child link="hnd"')), "joint 'wrist' 'hnd'; did you mean 'hand'"),
+    (chain(extra=THIRD.replace('parent link="two"', 'parent link="hand"')), "joints wrist must hang on the base, got a circle"),
+    (chain(extra=THIRD.replace('child link="hand"', 'child link="two"')), "'two' must be the child of one joint, .* 'wrist'"),
+    (chain(extra=THIRD.replace('"wrist"', '"elbow"')), "joints must have different names, got 'elbow' twice"),
+    (chain().replace("<robot", "<sdf").replace("</robot", "</sdf"), "the root must be <robot>, or <mujoco>, got <sdf>"),
+    ('<?xml version="1.0" encoding="ANSI"?><robot/>', "must be a URDF file: LookupError"),
+    (chain().replace('velocity="1"/>', 'velocity="1"/><dynamics damping="nan"/>'), "urdf: damping.0. must be a finite number"),
     (chain(kind="prismatic"), "two revolute joints, got shoulder, elbow .prismatic"),
     (chain().replace("<axis", '<mimic joint="shoulder"/><axis'), "elbow .a mimic of shoulder"),
     (chain(extra="<xacro:arm/>"), "xacro .* > arm.urdf"),
     (chain().replace('value="3.0"', 'value="${m1}"'), "mass of link 'one' must be a number, got .* macros of xacro"),
     (chain().replace('value="3.0"', 'value="3.0,"'), "mass of link 'one' must be a number, got '3.0,'"),
-    (chain().replace("<inertia ", "<inertias "), "there must be a <inertia> of link 'one'"),
+    (chain().replace("<inertia ", "<inertias "), "link 'one' must have a <inertia>"),
     (chain(extra='<link name="two"/>'), "links must have different names, got 'two' twice"),
     (chain(axis2="0 0 1"), "parallel axes"),
-    (chain(axis2="0 0 0"), "axis of elbow must have a direction"),
+    (chain(axis2="0 0 0"), "axis of joint 'elbow' must have a direction"),
     (HEAVY, "the arm must have inertia"),
-    (chain(elbow="0 0.1 0"), "joints apart.*'shoulder' and 'elbow'"),
+    (chain(elbow="0 0.1 0"), "joints must lie apart.*'shoulder' and 'elbow'"),
     (chain(tip="0 0 0", centre2="0 0 0").replace("0.02 0 0", "0 0 0"), "frame at its tip"),
-    (chain(elbow="0.4 0.05 0.05"), "link 1 on the line.* beside it"),
+    (chain(elbow="0.4 0.05 0.05"), "link 1 must lie on the line.* beside it"),
+    (chain(elbow="0.4 0,05 0"), "xyz of joint 'elbow' must be a number, got '0,05'"),
     (WEIGHTLESS, "a mass"),
     (chain().replace('"one"/><child link="two"/>', '"base"/><child link="two"/>'), "a chain"),
 ])  # fmt: skip
