@@ -28,6 +28,7 @@ FOLDS = 6  # most parts of the logs that are held out in turn
 PRECISION = 2e-4  # error of the scaled numbers by the steps of the simulation, measured on arms that are known
 BLOCK = 1.0  # length of the parts of one or two logs that are left out in turn [s]
 LEAST_MOTION = 0.01  # least range of an angle; below it, the arm rests and its encoder flickers [rad]
+UNLIKE = 0.3  # largest error of an angle relative to standing still: 0.05 for two real arms, 0.45 and more for nonsense
 PLAUSIBLE, LIKELY = 5.0, 20.0  # largest ratios of fitted numbers to those of the start, of both links and of link 2
 
 # Share of the torques that the first fit leaves, beyond which signs, zeros and units are tried.
@@ -265,9 +266,12 @@ def standing_still(data: Windows) -> Array:
 
 def _passive(logs: Sequence[Log], start: Scenario) -> tuple[int, ...]:
     """Return the joints without torque or a drive; refuse arms at rest, and logs without torque."""
-    for log in logs:
-        if (moved := np.ptp(log.smooth[:, :2], axis=0)).max() < LEAST_MOTION:
-            raise ValueError(f"{log.name}: the arm must move, but rests: its angles change by {moved.round(5)} rad")
+    moved = np.array([np.ptp(log.smooth[:, :2], axis=0) for log in logs])
+    for log, change in zip(logs, moved, strict=True):
+        if change.max() < LEAST_MOTION:
+            raise ValueError(f"{log.name}: the arm must move, but rests: its angles change by {change.round(5)} rad")
+    for joint in np.flatnonzero(moved.max(axis=0) < LEAST_MOTION):
+        raise ValueError(f"joint {joint + 1} must move in some log, but rests, as in {logs[0].name}")
     torque = np.max([np.abs(log.torque).mean(axis=0) for log in logs], axis=0)
     if not torque.any():
         raise ValueError(f"torques must not all be zero, as in {logs[0].name}: name the commands' columns by --signals")
@@ -303,9 +307,11 @@ def refuse_meaningless(fit: Fit, start: Scenario, names: Sequence[str]) -> None:
         start: the scenario that it started from.
         names: of the logs.
     """
-    error, base, still = (float(np.median(np.hypot(*errors.T))) for errors in fit.errors.values())
-    reasons = ["its error is no smaller than that of standing still"] * (error >= still)
-    reasons += ["its error is larger than that of the starting model"] * (error > 1.05 * base)
+    error, base, _ = (float(np.median(np.hypot(*errors.T))) for errors in fit.errors.values())
+    reasons = ["its error is larger than that of the starting model"] * (error > 1.05 * base)
+    left, _, still = (np.abs(errors).mean(axis=0) for errors in fit.errors.values())
+    for joint in np.flatnonzero(left > UNLIKE * still):
+        reasons.append(f"its angle {joint + 1} errs {left[joint] / still[joint]:.2f} times as much as standing still")
     given, masses = parameters_of(start), ("p4", "p5") if start.arm.gravity > 0 else ("p1", "p2")
     for name in (*masses, "gain 1"):
         ratio = fit.parameters[INDEX[name]] / given[INDEX[name]] if given[INDEX[name]] > 0 else 1.0
