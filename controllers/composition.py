@@ -27,7 +27,7 @@ from fbl_gym.records.record import declarations, declared, set_fields
 DEFAULT = "eso"
 
 #: What a law declares of itself that a composed law declares too.
-KEPT = ("access", "preview", "uses", "packages", "data_files")
+KEPT = ("access", "preview", "missing", "uses", "packages", "data_files")
 
 
 class ComposedState(NamedTuple):

@@ -208,6 +208,14 @@ def tuned_gains(policy: str | PolicyName, robot: str = "") -> dict[str, Any]:
     raise ValueError(f"{name.law} has no tuned gains for {where}: {command}")
 
 
+def interface_of(env: Any) -> Interface:
+    """Return the interface of an environment; refuse one with observations of another form."""
+    arm = env.unwrapped
+    if getattr(arm, "single_observation_space", arm.observation_space) != arm.interface.observation_space:
+        raise ValueError(f"env must observe as TwoLinkArm-v0 does, got a {type(arm).__name__}")
+    return arm.interface
+
+
 def make(policy: str | PolicyName | Callable[..., Any], env: Any, **gains: Any) -> Policy:
     """Build a policy for an environment.
 
@@ -227,7 +235,7 @@ def make(policy: str | PolicyName | Callable[..., Any], env: Any, **gains: Any) 
         ValueError: the name or a gain is unknown, a gain is out of bounds, or an interface is given
             where an oracle needs the environment.
     """
-    interface = env if isinstance(env, Interface) else env.unwrapped.interface
+    interface = env if isinstance(env, Interface) else interface_of(env)
     policy, tuned = as_name(policy), {}
     build = completed(factory(policy), interface)
     if isinstance(policy, PolicyName):

@@ -93,7 +93,8 @@ class Runner:
     ) -> None:
         policy, self._scenario, self._send = as_name(policy), as_scenario(scenario), send
         dt = self.control_dt = self._scenario.control_dt
-        self.rows = 1 + math.ceil(getattr(factory(policy), "preview", 0.0) / dt - 1e-9)
+        maker = factory(policy)  # perhaps a bound method, as of a resolved policy
+        self.rows = 1 + math.ceil(getattr(getattr(maker, "__self__", maker), "preview", 0.0) / dt - 1e-9)
         self._robot = Robot(self._scenario, self.rows - 1)
         self.interface = self._robot.interface
         self.policy = make(policy, self.interface)

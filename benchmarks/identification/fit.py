@@ -231,8 +231,9 @@ def identify(logs: list[Log], start: Scenario, tick: Callable[[str], object] = s
         ratios.append(np.exp(np.log(errors[0] / errors[1]).mean()))
     if (worst := max(ratios)) > MIXED:
         name = logs[data.log[part == np.unique(part)[np.argmax(ratios)]][0]].name
-        alone = f"a model of {name} alone has errors {worst:.1f} times smaller than the model of all logs"
-        raise ValueError(f"logs must be of one robot that does not change, but {alone}")
+        part_of = "a third of " if len(logs) < 3 else ""
+        alone = f"a model of {part_of}{name} alone has errors {worst:.1f} times smaller than the model of all logs"
+        raise ValueError(f"logs must be of one robot that does not change, in the right units, but {alone}")
     tick("held-out error")
     least, trials = _held_out(problem, part % FOLDS, size), {}
     for term, names in TERMS.items():

@@ -23,8 +23,8 @@ from fbl_gym.records.checks import unknown
 # A command is what the drive was told; it goes before a torque, which may be the one that acted.
 MEANINGS = {
     "time": "time t timestamp seconds sec",
-    "position": "measuredposition posmeas position pos q theta angle",
-    "torque": "command torquecommand taucmd taucon u torque tau effort",
+    "position": "measuredposition posmeas position pos q theta angle θ",
+    "torque": "command torquecommand taucmd taucon u torque tau effort τ",
     "velocity": "measuredvelocity velmeas velocity vel dq qdot",
 }
 
@@ -95,7 +95,7 @@ def columns(texts: Iterable[str]) -> Columns:
 def _plain(name: str) -> str:
     """Return a column's name without path, unit and punctuation."""
     name = re.sub(r"[\[(][^\d\])]*[\])]|_(rad|deg|nm|s|ms|us|ns|a)(_s)?$", "", name.strip().lower())
-    return re.sub(r"[^a-z0-9]", "", re.split(r"[/.]", name)[-1])
+    return re.sub(r"[^\w\u0300-\u036f]|_", "", re.split(r"[/.]", name)[-1])  # accents count: q is not its rate
 
 
 def _choose(path: Path, signal: str, items: tuple[str, ...], names: list[str]) -> dict[str, float]:
@@ -109,6 +109,8 @@ def _choose(path: Path, signal: str, items: tuple[str, ...], names: list[str]) -
 
     scale, chosen = 1.0, dict[str, float]()
     for item in items:
+        if item == "A" and item not in names:
+            raise ValueError(f"--signals {signal}=A needs the torque constant [N m/A], as in {signal}=0.091*A")
         sign, factors, last = _ITEM.fullmatch(item).groups() if item not in names else ("", "", item)  # type: ignore[union-attr]
         parts = (UNITS.get(part) or float(part) for part in factors.split("*")[:-1])
         size = math.prod(parts, start=-1.0 if sign else 1.0)
@@ -156,13 +158,17 @@ def read(path: Path, mapping: Columns | None = None, zero: Sequence[float] = (0.
     try:
         with warnings.catch_warnings(action="error"):
             table = _read_table(path)
-    except (ValueError, UserWarning, ImportError, NotImplementedError) as problem:
+    except (ValueError, Warning, ImportError, NotImplementedError) as problem:
         raise ValueError(f"{path} must be a table with a header and equal lines: {problem}") from None
+    if len(table) < 200:
+        raise ValueError(f"{path} must have 200 samples or more, got {len(table)}")
     signals, found = _signals(path, table, mapping or {})
     position, torque = signals["position"], signals["torque"]
+    if {"alive", "time_s"} <= {*table.columns} and found[2].startswith("command_1_Nm"):  # of `fbl-gym evaluate --trace`
+        torque = np.concatenate([torque[1:], torque[-1:]])  # each command was decided at the row before
     time, steps, sample, unit = _times(path, signals["time"][:, 0], found[0].lower(), table.index)
     _refuse_faults(path, position, steps)
-    dt = max(STEP, round(sample, 4))
+    dt = max(STEP, float(f"{sample:.2g}"))
     times = np.arange(time[0], time[-1], dt)
     impulse = np.concatenate([np.zeros((1, 2)), np.cumsum(torque[:-1] * steps[:, None], axis=0)])
     at_times = np.column_stack([np.interp(times, time, column) for column in (*position.T, *impulse.T)])
@@ -190,12 +196,14 @@ def _read_table(path: Path) -> Any:
     Its index has the lines of the file, or rows if it has none. Columns without a header are "0",
     "1" and so on; those of a matrix q of MATLAB "q_0", "q_1".
     """
-    if path.suffix == ".parquet":
+    if path.suffix.lower() == ".parquet":
         table = pd.read_parquet(io.BytesIO(read_bytes(path)))
-    elif path.suffix == ".mat":
+    elif path.suffix.lower() == ".mat":
         fields = {name: value for name, value in loadmat(io.BytesIO(read_bytes(path))).items() if np.ndim(value) == 2}
         tall = {name: pd.DataFrame(value if len(value) >= len(value.T) else value.T) for name, value in fields.items()}
-        table = pd.concat([value.add_prefix(f"{name}_") for name, value in tall.items()], axis=1)
+        for name, value in tall.items():
+            value.columns = [name] if len(value.columns) == 1 else [f"{name}_{i}" for i in value]
+        table = pd.concat([*tall.values()], axis=1)
     else:
         table = _read_text(read_text(path))
     table.columns = [str(name).strip() for name in table.columns]
@@ -213,7 +221,7 @@ def _read_text(text: str) -> Any:
     header = not any(re.fullmatch(r"[-+.,\d\s]*\d[-+.,eE\d\s]*", part) for part in parts)
     if not header and above and len(re.split(separator, above[-1].strip())) == len(parts):
         rows, header = {0: above[-1], **rows}, True  # NumPy writes its header as a comment
-    comma = separator != "," and any("," in line for line in [*rows.values()][1:4])
+    comma = separator != "," and any("," in line for line in [*rows.values()][1:])
     table = pd.read_csv(
         io.StringIO("\n".join(rows.values())), sep=separator, decimal="," if comma else ".", header=0 if header else None,
         index_col=False, skipinitialspace=True,
@@ -227,13 +235,11 @@ def _times(path: Path, time: Array, column: str, lines: Any) -> tuple[Array, Arr
     The column names the unit, or else the size of the intervals tells it.
     """
     steps = np.diff(time)
-    if len(time) < 200:
-        raise ValueError(f"{path} must have 200 samples or more, got {len(time)}")
     if (back := steps <= 0).any():
         line = lines[1:][back][0]
         raise ValueError(f"{path}: time must increase, but {back.sum()} rows do not, first line {line}: delete them")
     sample = float(np.median(steps))
-    named = re.findall(r"(?<![a-z])(?:ms|us|ns)(?![a-z])", column)
+    named = [] if "*" in column else re.findall(r"(?<![a-z])(?:ms|us|ns)(?![a-z])", column)
     unit = next((unit for unit in (*named, "s", "ms", "us", "ns") if FASTEST <= sample * UNITS[unit] <= SLOWEST), "s")
     time, steps, sample = time * UNITS[unit], steps * UNITS[unit], sample * UNITS[unit]
     if not FASTEST <= sample <= SLOWEST:

@@ -10,9 +10,9 @@ from stable_baselines3.common.vec_env import VecEnv
 
 from benchmarks.agents.adapter import AdapterSettings, AgentAdapter
 from controllers.base import where_lanes
+from controllers.registry import interface_of
 from fbl_gym.envs.env_common import check_reset_options
 from fbl_gym.envs.side_by_side import SideBySideVectorEnv
-from fbl_gym.interface import Interface
 from fbl_gym.model.arm import Array
 
 
@@ -28,7 +28,7 @@ class VectorAdapter(VectorWrapper):
 
     def __init__(self, env: VectorEnv, settings: AdapterSettings) -> None:
         super().__init__(env)
-        self._interface: Interface = env.unwrapped.interface  # type: ignore[attr-defined]
+        self._interface = interface_of(env)
         self._adapter = AgentAdapter(settings, self._interface)
         self.decision = self._adapter.hold * self._interface.control_dt
         self.single_observation_space = spaces.Box(-10.0, 10.0, (self._adapter.size,), dtype=np.float64)

@@ -123,13 +123,13 @@ class AdaptiveFlm(CascadeFlm):
         if self.total_mass is None:
             return lumped, accepted
         with np.errstate(divide="ignore", invalid="ignore"):
-            masses = point_masses(lumped, self.total_mass)
+            masses = point_masses(lumped, self.total_mass, gravity := self.interface.nominal.gravity)
             # (39) gives L1, L2 and m2, the total mass gives m1. The lumped parameters follow.
-            return lumped_of(masses), accepted & np.all(masses > 0.0, axis=-1)
+            return lumped_of(masses, gravity), accepted & np.all(masses > 0.0, axis=-1)
 
     def parameters(self, state: State) -> Array:
         """Return the estimates of m1, m2 [kg], L1, L2 [m] in a state, [n x 4]."""
-        return point_masses(state.lumped, self.total_mass)
+        return point_masses(state.lumped, self.total_mass, self.interface.nominal.gravity)
 
 
 @dataclass(frozen=True)

@@ -98,8 +98,9 @@ class TwoLinkArmEnv(TaskProperties, gym.Env[Any, Any]):
     * `past_actions`: least number of previous actions in the observation. The reward has a price on
       the change of the torque, so it is a function of observation and action only with one or more.
     * `info`: True adds to each step's info `tracking_error` (real, [2] rad); `tracking_loss`,
-      `effort_loss` and `chatter_loss`, whose sum is 1 less the reward; and `saturation`, the share
-      of the joints whose torque is at its limit. A step then takes some 40 microseconds more.
+      `effort_loss` and `chatter_loss`, whose sum is 1 less the reward unless the episode is
+      terminated; and `saturation`, the share of the joints whose torque is at its limit. A step
+      then takes some 40 microseconds more. They are NaN where an arm has diverged to NaN.
       With `constraints`, each step's info has `cost`, with and without this option: 1.0 if the step
       ended beyond a bound, else 0.0.
     * `context`: True adds `context` to the info of `reset`, for teachers: the true numbers of the
@@ -142,8 +143,9 @@ class TwoLinkArmEnv(TaskProperties, gym.Env[Any, Any]):
             The first observation, [size], and info, which is empty without the option `context`.
         """
         check_reset_options(options, START)
+        seed = None if seed is None else check_seed(seed)
         self._give_start(_LANE, options)
-        super().reset(seed=None if seed is None else check_seed(seed))
+        super().reset(seed=seed)
         if seed is not None or not self._begun:
             new_seed = self.np_random.integers(MAX_SEED, dtype=np.uint64) if seed is None else np.uint64(seed)
             self._batch.seed(_LANE, new_seed)

@@ -17,7 +17,7 @@ from fbl_gym.kernel.memory.program import Program, make_program
 from fbl_gym.kernel.step.pool import threads_for
 from fbl_gym.model.arm import Array
 from fbl_gym.options import Reward
-from fbl_gym.records.checks import check_choice, check_flag, check_whole, nearest
+from fbl_gym.records.checks import as_printed, check_choice, check_flag, check_whole, nearest
 from fbl_gym.records.record import build, naming
 from fbl_gym.scenarios import Scenario, as_scenario
 
@@ -194,8 +194,10 @@ class _Spec(EnvSpec):
 
 def _plain(value: Any) -> Any:
     """Return a value with each array in it as a list."""
+    if isinstance(value, np.ndarray) and value.ndim:
+        return [_plain(each) for each in value]
     if isinstance(value, np.ndarray | np.generic):
-        return value.tolist()
+        return as_printed(value[()]) if value.dtype.kind == "f" else value.tolist()  # type: ignore[index]
     if isinstance(value, dict):
         return {name: _plain(each) for name, each in value.items()}
     return type(value)(map(_plain, value)) if type(value) in (list, tuple) else value

@@ -5,10 +5,11 @@ from itertools import chain
 from typing import Any
 
 import numpy as np
-from gymnasium.vector import VectorEnv
+from gymnasium import error
+from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 
-from fbl_gym.envs.env_common import as_actions
+from fbl_gym.envs.env_common import as_actions, check_seed
 from fbl_gym.model.arm import Array
 from fbl_gym.records.checks import check_whole
 
@@ -43,27 +44,40 @@ class SideBySideVectorEnv(VectorEnv[Array, Array, Array]):
             setattr(self, f"single_{name}", first)
             setattr(self, name, batch_space(first, self.num_envs))
         self._seen: Any = None
+        self._ended = np.zeros(self.num_envs, dtype=bool)  # lanes that need a reset
 
     def reset(self, *, seed: Any = None, options: dict[str, Any] | None = None) -> tuple[Array, dict[str, Any]]:
         """Start episodes, see `TwoLinkArmVectorEnv.reset`; arrays are of all lanes."""
-        parts = {name: self._split(value, _AXES.get(name, 9)) for name, value in (options or {}).items()}
+        options = {name: value for name, value in (options or {}).items() if value is not None}
+        if not np.any(mask := options.get("reset_mask", True)):
+            raise ValueError("reset_mask must have at least one True, got none")
+        if isinstance(seed, Sequence | np.ndarray):
+            for each in seed:
+                each is None or check_seed(each)
+        parts = {name: self._split(value, _AXES.get(name, 9), name) for name, value in options.items()}
         given = [{name: part[i] for name, part in parts.items()} for i in range(len(self.envs))]
         starts = [self._seen is None or np.any(each.get("reset_mask", True)) for each in given]
-        arguments = zip(self.envs, self._split(seed, 1), given, starts, self._split(self._seen, 2), strict=True)
+        seeds, last = self._split(seed, 1, "seed"), self._split(self._seen, 2)
+        arguments = zip(self.envs, seeds, given, starts, last, strict=True)
         results = [env.reset(seed=a, options=b) if begins else (seen, {}) for env, a, b, begins, seen in arguments]
         observations, infos = zip(*results, strict=True)
-        self._seen = np.concatenate(observations)
-        return self._seen, self._joined(infos)
+        self._seen, self._ended = np.concatenate(observations), self._ended & ~np.asarray(mask)
+        return self._seen.copy(), self._joined(infos)
 
     def step(self, actions: Any) -> tuple[Array, Array, Array, Array, dict[str, Any]]:
         """Hold each lane's action, see `TwoLinkArmVectorEnv.step`."""
         actions = as_actions(actions, (self.num_envs, 2))
         if not np.isfinite(actions).all():  # before any arm moves
             raise ValueError(f"actions must be finite, got {actions[~np.isfinite(actions).all(axis=1)][0]}")
+        if self._ended.any():  # likewise
+            lane = self._ended.argmax()
+            raise error.ResetNeeded(f"the episode of lane {lane} has ended: call reset(options={{'reset_mask': ...}})")
         results = [env.step(part) for env, part in zip(self.envs, self._split(actions, 2), strict=True)]
         *signals, infos = zip(*results, strict=True)
         self._seen, *others = map(np.concatenate, signals)
-        return self._seen, *others, self._joined(infos)
+        if self.metadata["autoreset_mode"] == AutoresetMode.DISABLED:
+            self._ended = others[1] | others[2]
+        return self._seen.copy(), *others, self._joined(infos)
 
     def render(self) -> Any:
         """Return the frame of each lane."""
@@ -74,10 +88,12 @@ class SideBySideVectorEnv(VectorEnv[Array, Array, Array]):
         for env in self.envs:
             env.close()
 
-    def _split(self, values: Any, axes: int) -> list[Any]:
+    def _split(self, values: Any, axes: int, name: str = "") -> list[Any]:
         """Return the part of each environment, if the values have the axes of all lanes."""
         if np.ndim(values) != axes:
             return [values] * len(self.envs)
+        if len(values) != self.num_envs:
+            raise ValueError(f"{name} must have one entry for each of {self.num_envs} lanes, got {len(values)}")
         return [values[begin:end] for begin, end in zip([0, *self._cuts], [*self._cuts, None], strict=True)]
 
     def _joined(self, infos: Sequence[dict[str, Any]]) -> dict[str, Any]:

@@ -86,8 +86,8 @@ class TwoLinkArmVectorEnv(TaskProperties, VectorEnv[Array, Array, Array]):
                 `reset` without a seed draws them from the operating system's entropy.
             options: {"reset_mask": mask} resets the lanes where the boolean mask [num_envs] is
                 True; with `device="cuda"` it may be a tensor. "position", "velocity" and
-                "reference" are those of `TwoLinkArmEnv.reset`, the same for all lanes or
-                [num_envs x ...].
+                "reference" are those of `TwoLinkArmEnv.reset`, the same for all lanes or, of each,
+                [num_envs x 2] and [num_envs x points x 2], so [num_envs x 1 x 2] for goals.
 
         Returns:
             Observations [num_envs x size], unchanged for lanes that were not reset, and infos. They

@@ -74,6 +74,12 @@ def bounds_text(low: float = -math.inf, high: float = math.inf, above: float | N
     return " and".join(filter(None, (least, most)))
 
 
+def as_printed(value: Any) -> float:
+    """Return a float; 0.01 in single precision divides an episode as 0.01 does, and becomes it."""
+    single = isinstance(value, np.floating) and not isinstance(value, float)
+    return float(np.format_float_scientific(value) if single else value)
+
+
 def check_number(
     name: str, value: object, *, low: float = -math.inf, high: float = math.inf, above: float | None = None
 ) -> float:
@@ -81,8 +87,7 @@ def check_number(
     x = math.nan
     if isinstance(value, int | float | np.integer | np.floating) and not isinstance(value, bool):
         with contextlib.suppress(OverflowError):
-            # A time of 0.01 s in single precision divides an episode as 0.01 does.
-            x = float(str(value) if isinstance(value, np.floating) else value)
+            x = as_printed(value)
     if not math.isfinite(x) or x < low or x > high or (above is not None and x <= above):
         raise ValueError(f"{name} must be a finite number{bounds_text(low, high, above)}, got {value!r}")
     return x

@@ -85,7 +85,10 @@ ROS = "%time,field.position0,field.position1,/joint_states/effort[0],/joint_stat
     (lambda t: t, [1, DEGREES, DEGREES, -1, 1 / 0.091], ["position=deg", "torque=-torque_1_Nm,0.091*torque_2_Nm"]),
     (lambda t: t.replace(HEADER, "t,a,b,tau1,tau2"), [1, DEGREES, 1, -1, -1], ["torque=-tau", "position=deg*a,b"]),
     (lambda t: t.replace(HEADER, ROS), 1, []),
+    (lambda t: t.replace(HEADER, "t,θ1,θ2,τ1,τ2"), 1, []),
+    (lambda t: t.replace("time_s", "time [ms]"), [1e3, 1, 1, 1, 1], ["time=ms"]),
     (lambda t: t.replace(HEADER, "t,q1,q2,u1,u2"), [1, 1, 1, 0.1, 0.1], ["torque=10*A"]),
+
 ])  # fmt: skip
 def test_logs_as_people_have_them(rows, tmp_path, change, factors, signals):
     first = read(write(tmp_path / "run.csv", rows[0]))
@@ -99,12 +102,17 @@ def test_logs_as_people_have_them(rows, tmp_path, change, factors, signals):
 
 def test_logs_of_matlab_and_traces(rows, tmp_path):
     """The readings and the commands of a trace are meant, not what acted."""
-    savemat(tmp_path / "run.mat", {"t": rows[0][:, 0], "q": rows[0][:, 1:3], "u": rows[0][:, 3:].T})
+    savemat(tmp_path / "run.mat", {"t": rows[0][:, 0], "q1": rows[0][:, 1], "q2": rows[0][:, 2], "u": rows[0][:, 3:].T})
     assert read(tmp_path / "run.mat").position == pytest.approx(read(write(tmp_path / "a.csv", rows[0])).position)
     more = np.hstack([rows[0], rows[0][:, 1:] + 1.0])
     measured = ("measured_position_1_rad", "measured_position_2_rad", "command_1_Nm", "command_2_Nm")
     trace = write(tmp_path / "b.csv", more, (*NAMES, *measured))
     assert read(trace).remarks[0] == f"columns time_s; {', '.join(measured[:2])}; {', '.join(measured[2:])}"
+    late = np.c_[
+        more[:, :7], np.roll(more[:, 7:], 1, axis=0), more[:, 0]
+    ]  # a trace's row has the command of the one before
+    late = read(write(tmp_path / "c.csv", late, (*NAMES, *measured, "alive"))).torque[:-1]
+    assert late == pytest.approx(read(trace).torque[:-1], abs=1e-8)
     for text in ("torqe=u,w", "torque=u,w", "torque=torque_1_Nm"):
         with pytest.raises(ValueError, match=r"signal 'torqe'|column of torque.*--signals|2 columns of torque"):
             read(trace, columns([text]))

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 import controllers
+import fbl_gym
 from benchmarks.agents.adapter import AdapterSettings
 from benchmarks.agents.network import Actor
 from benchmarks.policies.spec import resolve
@@ -106,6 +107,12 @@ def test_a_law_prints_its_name_and_gains():
     assert repr(Plain(env.interface, w=-1.0)).endswith("Plain(w=-1.0)")  # only declared gains are checked
     assert repr(controllers.make("pid-flm", env)) == "PidFlm(kp=(10.0, 10.0), ki=(0.0, 0.0), kd=(3.0, 3.0))"
     assert repr(controllers.make("oracle-flm", env)) == "OracleFlm(kp=(400.0, 400.0), kd=(40.0, 40.0))"
+
+
+@pytest.mark.parametrize("kind", ["TwoLinkArmTrackingEnv", "TwoLinkArmTrackingVectorEnv"])
+def test_an_environment_that_observes_otherwise_is_refused(kind):
+    with pytest.raises(ValueError, match=f"env must observe as TwoLinkArm-v0 does, got a {kind}"):
+        controllers.make("computed-torque", getattr(fbl_gym, kind)())
 
 
 WITHOUT = ("zero", "computed-torque-eso", "h-infinity", "ladrc", "lqg-elastic", "oracle")

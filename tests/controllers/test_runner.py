@@ -5,6 +5,7 @@ import json
 import re
 import tomllib
 from pathlib import Path
+from types import MethodType, SimpleNamespace
 from unittest.mock import Mock
 
 import numpy as np
@@ -71,11 +72,9 @@ def test_observations_are_those_of_the_environment(preview, options):
     """All bits of it: clipped readings, computed velocities, previous actions and preview."""
     scenario = scenarios.Scenario().replace(**ARM | {"initial_error": 0.05} | options)
 
-    def spy(interface):
-        return Mock(wraps=controllers.make("zero", interface))
-
-    spy.preview = preview
-    runner = Runner(spy, scenario, max_error=9.0)
+    spy = SimpleNamespace(preview=preview)
+    spy.make = MethodType(lambda self, interface: Mock(wraps=controllers.make("zero", interface)), spy)
+    runner = Runner(spy.make, scenario, max_error=9.0)
     env = make_env(dataclasses.replace(resolve("zero"), preview=preview), scenario, None)
     observation, _ = env.reset(seed=5)
     for k in range(40):

@@ -63,6 +63,7 @@ def test_it_needs_one_drive_and_a_hanging_arm():
         return controllers.make("swing-up", TwoLinkArmEnv("dfki-c1-acrobot", action="torque", **options))
 
     assert (make().driven, make(actuator=None).driven) == (1, 0)
+    assert controllers.factory("swing-up+kalman").missing == 1
     with pytest.raises(ValueError, match="SwingUp needs a drive, got"):
         make(actuator=0.0)
     with pytest.raises(ValueError, match="needs an arm that hangs"):

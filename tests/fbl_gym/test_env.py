@@ -201,6 +201,13 @@ def test_an_action_outside_its_box_acts_as_the_nearest_inside(mode):
         np.testing.assert_equal(one.step(beyond * edge), two.step(inside * edge))
 
 
+def test_a_refused_reset_leaves_no_start_behind():
+    env = TwoLinkArmEnv()
+    with pytest.raises(ValueError, match="seed"):
+        env.reset(seed=1.0, options={"position": (0.3, 0.4)})
+    np.testing.assert_array_equal(env.reset(seed=0)[0], TwoLinkArmEnv().reset(seed=0)[0])
+
+
 @pytest.mark.parametrize("kind", [np.float64, np.float32])
 def test_an_action_keeps_its_precision(kind):
     env = started()

@@ -18,7 +18,7 @@ def test_the_shape_is_the_same_with_and_without_an_acceleration_sensor():
 
 @pytest.mark.parametrize("name", [ID, TRACKING])
 def test_the_spec_has_the_episodes_length_and_survives_json(name):
-    env = gym.make(name, duration=0.3, control_dt=0.005)
+    env = gym.make(name, duration=np.float32(0.3), control_dt=0.005, initial_error=np.array([0.1, 0.2], np.float32))
     again = gym.make(EnvSpec.from_json(env.spec.to_json()))
     assert again.unwrapped.scenario == env.unwrapped.scenario
     batch = gym.make_vec(name, 2, "vector_entry_point", duration=0.3, max_episode_steps=20)

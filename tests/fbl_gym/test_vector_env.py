@@ -225,12 +225,28 @@ def test_scenarios_that_do_not_fit_together_are_refused():
     ):
         with pytest.raises(ValueError, match=message):
             TwoLinkArmVectorEnv(*arguments)
-    env, twin = (TwoLinkArmVectorEnv(2, ["nominal", "noise-1"]) for _ in range(2))
-    env.reset(seed=0), twin.reset(seed=0)
-    with pytest.raises(ValueError, match="actions must be finite, got"):
-        env.step([[0.0, 0.0], [np.nan, 0.0]])
-    np.testing.assert_array_equal(env.step(np.zeros((2, 2)))[0], twin.step(np.zeros((2, 2)))[0])
-    same = env.reset(options={"position": (-1.0, 0.5)})[0]
+    options = {"duration": 0.03, "autoreset_mode": "Disabled"}
+    env, twin = (TwoLinkArmVectorEnv(2, ["nominal", "noise-1"], **options) for _ in range(2))
+    first, _ = env.reset(seed=0)
+    seen = first.copy()
+    first *= 0.0  # which changes nothing later
+    both, last = np.ones(2, dtype=bool), np.array([False, True])
+    np.testing.assert_array_equal(env.reset(seed=0, options={"reset_mask": last})[0][0], seen[0])
+    twin.reset(seed=0)
+    for call, message in (
+        (lambda: env.step([[0.0, 0.0], [np.nan, 0.0]]), "actions must be finite, got"),
+        (lambda: env.reset(seed=[1, 2, 3]), "seed must have one entry for each of 2 lanes, got 3"),
+        (lambda: env.reset(seed=[1, -1]), "seed must be a whole number not below 0, got -1"),
+        (lambda: env.reset(options={"reset_mask": ~both}), "reset_mask must have at least one True"),
+    ):
+        with pytest.raises(ValueError, match=message):
+            call()
+    for _ in range(3):
+        np.testing.assert_array_equal(env.step(np.zeros((2, 2)))[0], twin.step(np.zeros((2, 2)))[0])
+    env.reset(options={"reset_mask": ~last})
+    with pytest.raises(ResetNeeded, match="lane 1 has ended"):
+        env.step(np.zeros((2, 2)))
+    same = env.reset(options={"position": (-1.0, 0.5), "reset_mask": None})[0]
     np.testing.assert_array_equal(same[0, :2], [-1.0, 0.5])
 
 
