@@ -73,6 +73,10 @@ def test_processes_share_what_one_has_compiled(tmp_path):
     assert [worker.stdout for worker in workers] == [later.stdout] * 2
     assert (later.returncode, later.stderr) == (0, "")
     assert {path: path.stat().st_mtime_ns for path in tmp_path.rglob("*.nb?")} == files
+    for path in files:
+        path.write_bytes(path.read_bytes()[:100])  # as a full disk leaves it
+    damaged, mended = run(TOGETHER, cache=tmp_path), run(TOGETHER, cache=tmp_path)
+    assert (damaged.returncode, damaged.stdout, mended.stdout, mended.stderr) == (0, later.stdout, later.stdout, "")
 
 
 def test_one_process_says_that_code_is_compiled_and_another_does_a_while_later(tmp_path, capsys):

@@ -103,11 +103,35 @@ class _Cache(caching.FunctionCache):
         return sig, codegen.magic_tuple(), DIGEST
 
     def load_overload(self, sig: Any, target_context: Any) -> Any:
-        """Return what is kept of a function; None, and say so, if it must be compiled."""
-        kept = super().load_overload(sig, target_context)
+        """Return what is kept of a function; None, and say so, if it must be compiled.
+
+        What cannot be read, such as a file that a full disk cut, is compiled and kept anew.
+        """
+        kept = None
+        try:
+            kept = super().load_overload(sig, target_context)
+        except Exception:  # of any type, since it is of pickle and LLVM
+            with contextlib.suppress(OSError):
+                self.flush()
         if kept is None and self._py_func.__module__.startswith("fbl_gym.kernel.step"):  # others are short
             say_once(Path(self.cache_path))
         return kept
+
+    def save_overload(self, sig: Any, data: Any) -> None:
+        """Keep the code of a function; warn if the disk is full."""
+        try:
+            super().save_overload(sig, data)
+        except OSError as problem:
+            _warn_unkept(str(problem.strerror))
+
+
+def _warn_unkept(reason: str) -> None:
+    warnings.warn(
+        f"compiled code cannot be kept, {reason}: every process compiles for some seconds. Set the environment "
+        "variable NUMBA_CACHE_DIR to a folder that can be written.",
+        RuntimeWarning,
+        stacklevel=3,
+    )
 
 
 def say_once(folder: Path) -> None:
@@ -130,12 +154,7 @@ def cached_njit(function: Any) -> Any:
     try:
         dispatcher._cache = _Cache(function)
     except RuntimeError:
-        warnings.warn(
-            "compiled code cannot be kept, as no folder can be written: every process compiles for some seconds. Set "
-            "the environment variable NUMBA_CACHE_DIR to a folder that can be written.",
-            RuntimeWarning,
-            stacklevel=1,
-        )
+        _warn_unkept("as no folder can be written")
     return dispatcher
 
 
