@@ -207,4 +207,4 @@ def test_a_joint_without_a_drive_moves_freely_and_laws_refuse_it(action, acts, p
         np.testing.assert_array_equal(info["saturation"], 0.5 if acts == 6.0 else 0.0)
     assert env.interface.torque_limit == (0.0, 6.0)
     with pytest.raises(ValueError, match="ComputedTorque needs both drives"):
-        controllers.make("computed-torque", env)
+        controllers.make("computed-torque", env.interface)

@@ -130,7 +130,7 @@ def _warn_unkept(reason: str) -> None:
         f"compiled code cannot be kept, {reason}: every process compiles for some seconds. Set the environment "
         "variable NUMBA_CACHE_DIR to a folder that can be written.",
         RuntimeWarning,
-        stacklevel=3,
+        stacklevel=1,  # one place, so one warning
     )
 
 
