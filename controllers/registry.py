@@ -211,9 +211,10 @@ def tuned_gains(policy: str | PolicyName, robot: str = "") -> dict[str, Any]:
 def interface_of(env: Any) -> Interface:
     """Return the interface of an environment; refuse one with observations of another form."""
     arm = env.unwrapped
-    if getattr(arm, "single_observation_space", arm.observation_space) != arm.interface.observation_space:
-        raise ValueError(f"env must observe as TwoLinkArm-v0 does, got a {type(arm).__name__}")
-    return arm.interface
+    interface = getattr(arm, "interface", None)
+    if not interface or getattr(arm, "single_observation_space", arm.observation_space) != interface.observation_space:
+        raise ValueError(f"env must observe one scenario as TwoLinkArm-v0 does, got a {type(arm).__name__}")
+    return interface
 
 
 def make(policy: str | PolicyName | Callable[..., Any], env: Any, **gains: Any) -> Policy:

@@ -164,7 +164,7 @@ def read(path: Path, mapping: Columns | None = None, zero: Sequence[float] = (0.
         raise ValueError(f"{path} must have 200 samples or more, got {len(table)}")
     signals, found = _signals(path, table, mapping or {})
     position, torque = signals["position"], signals["torque"]
-    if {"alive", "time_s"} <= {*table.columns} and found[2].startswith("command_1_Nm"):  # of `fbl-gym evaluate --trace`
+    if {"alive", "time_s"} <= {*table.columns} and "command_1_Nm" in found[2]:  # of `fbl-gym evaluate --trace`
         torque = np.concatenate([torque[1:], torque[-1:]])  # each command was decided at the row before
     time, steps, sample, unit = _times(path, signals["time"][:, 0], found[0].lower(), table.index)
     _refuse_faults(path, position, steps)

@@ -100,7 +100,7 @@ class TwoLinkArmEnv(TaskProperties, gym.Env[Any, Any]):
     * `info`: True adds to each step's info `tracking_error` (real, [2] rad); `tracking_loss`,
       `effort_loss` and `chatter_loss`, whose sum is 1 less the reward unless the episode is
       terminated; and `saturation`, the share of the joints whose torque is at its limit. A step
-      then takes some 40 microseconds more. They are NaN where an arm has diverged to NaN.
+      then takes some 40 microseconds more. They are NaN where a motion overflows.
       With `constraints`, each step's info has `cost`, with and without this option: 1.0 if the step
       ended beyond a bound, else 0.0.
     * `context`: True adds `context` to the info of `reset`, for teachers: the true numbers of the

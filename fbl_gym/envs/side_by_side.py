@@ -53,7 +53,8 @@ class SideBySideVectorEnv(VectorEnv[Array, Array, Array]):
             raise ValueError("reset_mask must have at least one True, got none")
         if isinstance(seed, Sequence | np.ndarray):
             for each in seed:
-                each is None or check_seed(each)
+                if each is not None:
+                    check_seed(each)
         parts = {name: self._split(value, _AXES.get(name, 9), name) for name, value in options.items()}
         given = [{name: part[i] for name, part in parts.items()} for i in range(len(self.envs))]
         starts = [self._seen is None or np.any(each.get("reset_mask", True)) for each in given]

@@ -197,16 +197,7 @@ def _planar(
         raise ValueError(f"the joints must have parallel axes, got {axis.round(6)} and {second.round(6)}")
     if tilt > _NOTHING:
         doubts.append(f"the angle of {tilt:.2g} rad between the axes is neglected")
-    # The plane of motion: y upwards, and positive angles turn as joint 1 does.
-    size = float(np.linalg.norm(robot.up))
-    y = robot.up / max(size, _NOTHING) - axis * (axis @ robot.up) / max(size, _NOTHING)
-    upright = float(np.linalg.norm(y))
-    if _NOTHING < upright < _TOLERANCE:
-        doubts.append(f"gravity is neglected, since the axes are {upright:.2g} rad from the vertical")
-    if upright < _TOLERANCE:  # any y will do
-        upright, y = 0.0, np.cross(axis, np.eye(3)[np.abs(axis).argmin()])
-    y /= np.linalg.norm(y)
-    plane, acceleration = np.cross(y, axis) + 1j * y, upright * size
+    plane, acceleration = _plane(axis, robot.up, doubts)
 
     def body(number: int, joint: _Joint) -> tuple[float, complex, float]:
         """Return mass, centre of mass from the joint and inertia about the joint."""
@@ -246,11 +237,8 @@ def _planar(
     arm = ArmParameters.from_links(
         (m1, m2), (abs(line), abs(tip)), (offset.real, distance), (inertia1, inertia2), (inner.rotor, outer.rotor), acceleration
     )  # fmt: skip
-    limit, viscous, coulomb, velocity = zip(inner.numbers, outer.numbers, strict=True)
-    limit = limit if any(limit) else (None, None)
-    if inner.driven != outer.driven:  # without a drive at both, those of the file are of other joints
-        limit = limit[0] if inner.driven else 0.0, limit[1] if outer.driven else 0.0
-        doubts.append(f"nothing drives {(inner if outer.driven else outer).name}: its torque limit is 0")
+    _, viscous, coulomb, velocity = zip(inner.numbers, outer.numbers, strict=True)
+    limit = _limit(inner, outer, doubts)
     notes = [f"theta1 = q1 {zero[0]:+.5g} and theta2 = {'-' * (sign < 0)}q2 {zero[1]:+.5g} rad for the file's q1, q2"]
     for name, given in (("torque limits (effort)", limit), ("damping", viscous), ("friction", coulomb)):
         check_pair(name, [x or 0.0 for x in given], low=0.0)
@@ -258,6 +246,32 @@ def _planar(
     if any(velocity):
         notes.append("the limits of the velocity are not used: `constraints.velocity` has such bounds")
     return RobotFile(stem.rstrip(":,"), arm, limit, viscous, coulomb, (1.0, sign), zero, guess, doubts, notes)
+
+
+def _plane(axis: Array, up: Array, doubts: list[str]) -> tuple[Array, float]:
+    """Return the plane of motion, x + i y of a place [3], and gravity in it [m/s^2].
+
+    y points upwards, and positive angles turn as joint 1 does.
+    """
+    size = max(float(np.linalg.norm(up)), _NOTHING)
+    y = (up - axis * (axis @ up)) / size
+    upright = float(np.linalg.norm(y))
+    if _NOTHING < upright < _TOLERANCE:
+        doubts.append(f"gravity is neglected, since the axes are {upright:.2g} rad from the vertical")
+    if upright < _TOLERANCE:  # any y will do
+        upright, y = 0.0, np.cross(axis, np.eye(3)[np.abs(axis).argmin()])
+    y /= np.linalg.norm(y)
+    return np.cross(y, axis) + 1j * y, upright * size
+
+
+def _limit(inner: _Joint, outer: _Joint, doubts: list[str]) -> tuple[float | None, ...]:
+    """Return the largest torques of two joints, 0 without a drive; None: not in the file."""
+    limit = inner.numbers[0], outer.numbers[0]
+    limit = limit if any(limit) else (None, None)
+    if inner.driven == outer.driven:  # with a drive at neither, those of the file are of other joints
+        return limit
+    doubts.append(f"nothing drives {(inner if outer.driven else outer).name}: its torque limit is 0")
+    return limit[0] if inner.driven else 0.0, limit[1] if outer.driven else 0.0
 
 
 def _tip(

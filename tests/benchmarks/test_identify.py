@@ -103,7 +103,9 @@ def test_logs_as_people_have_them(rows, tmp_path, change, factors, signals):
 def test_logs_of_matlab_and_traces(rows, tmp_path):
     """The readings and the commands of a trace are meant, not what acted."""
     savemat(tmp_path / "run.mat", {"t": rows[0][:, 0], "q1": rows[0][:, 1], "q2": rows[0][:, 2], "u": rows[0][:, 3:].T})
-    assert read(tmp_path / "run.mat").position == pytest.approx(read(write(tmp_path / "a.csv", rows[0])).position)
+    matlab = read((tmp_path / "run.mat").rename(tmp_path / "run.MAT"))
+    assert matlab.position == pytest.approx(read(write(tmp_path / "a.csv", rows[0])).position)
+    assert {read(write(tmp_path / "a.csv", rows[0] * [x, 1, 1, 1, 1])).dt for x in (5.02, 5.03)} == {0.01}  # 10.04 ms
     more = np.hstack([rows[0], rows[0][:, 1:] + 1.0])
     measured = ("measured_position_1_rad", "measured_position_2_rad", "command_1_Nm", "command_2_Nm")
     trace = write(tmp_path / "b.csv", more, (*NAMES, *measured))
@@ -113,8 +115,10 @@ def test_logs_of_matlab_and_traces(rows, tmp_path):
     ]  # a trace's row has the command of the one before
     late = read(write(tmp_path / "c.csv", late, (*NAMES, *measured, "alive"))).torque[:-1]
     assert late == pytest.approx(read(trace).torque[:-1], abs=1e-8)
-    for text in ("torqe=u,w", "torque=u,w", "torque=torque_1_Nm"):
-        with pytest.raises(ValueError, match=r"signal 'torqe'|column of torque.*--signals|2 columns of torque"):
+    for text in ("torqe=u,w", "torque=u,w", "torque=torque_1_Nm", "torque=A"):
+        with pytest.raises(
+            ValueError, match=r"signal 'torqe'|column of torque.*--signals|2 columns of torque|torque=0.091\*A"
+        ):
             read(trace, columns([text]))
 
 
@@ -141,7 +145,12 @@ def test_a_log_given_twice_is_refused(rows, files, tmp_path, fbl_gym):
 
 
 def test_a_file_that_is_no_table_is_refused(tmp_path):
-    for text, message in (("", "header.*No columns"), ("time_s,a\n1,2\n1,2,3\n", "equal lines.*line 3")):
+    for text, message in (
+        ("", "header.*No columns"), ("time_s,a\n1,2\n1,2,3\n", "equal lines.*line 3"),
+        ("t,q1,q2,u1,u2\n", "200 samples or more, got 0"), ("bench 3, today\n\nt,q1,q2\n1,2,3\n", "equal lines"),
+        ("t,Δq1,Δq2,u1,u2\n" + "1,2,3,4,5\n" * 200, "give 2 columns of position"),
+        ("t;q1;q2;u1;u2\n" + "1;0;0;0;0\n" * 9 + "1,5;0,1;0;0;0\n" * 200, "rows do not, first line 3"),
+    ):  # fmt: skip
         (tmp_path / "bad.csv").write_text(text)
         with pytest.raises(ValueError, match=f"(?s){message}"):
             read(tmp_path / "bad.csv")

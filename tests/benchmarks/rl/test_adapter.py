@@ -13,7 +13,8 @@ from benchmarks.policies.spec import resolve
 from benchmarks.report.columns import columns
 from benchmarks.run.cell import Cell
 from benchmarks.run.runner import run_cell
-from fbl_gym import TwoLinkArmEnv, TwoLinkArmVectorEnv, scenarios
+from benchmarks.training.vec_env import VectorAdapter
+from fbl_gym import TwoLinkArmEnv, TwoLinkArmTrackingVectorEnv, TwoLinkArmVectorEnv, scenarios
 from fbl_gym.model.arm import forward_dynamics
 from tests.benchmarks.rl.agents import MISTAKES, batch, random_actor
 
@@ -127,6 +128,11 @@ def test_wrong_settings_are_refused(settings, message):
 def test_an_agent_that_is_not_applicable_is_refused(options, settings, message):
     with pytest.raises(ValueError, match=f"not applicable: the agent.* {message}"):
         Agent(TwoLinkArmEnv(**options).interface, AdapterSettings(**settings), None)
+
+
+def test_a_batch_that_observes_otherwise_is_refused():
+    with pytest.raises(ValueError, match="must observe one scenario as TwoLinkArm-v0 does"):
+        VectorAdapter(TwoLinkArmTrackingVectorEnv(2), AdapterSettings(sensors=("position", "velocity")))
 
 
 def test_a_torque_is_a_share_of_the_drives_limits():
