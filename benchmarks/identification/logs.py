@@ -22,7 +22,7 @@ from fbl_gym.records.checks import unknown
 # Names of each signal's columns, without units and joints' numbers, the best first.
 # A command is what the drive was told; it goes before a torque, which may be the one that acted.
 MEANINGS = {
-    "time": "time t timestamp seconds sec",
+    "time": "time t timestamp seconds sec secs",
     "position": "measuredposition posmeas position pos q theta angle θ",
     "torque": "command torquecommand taucmd taucon u torque tau effort τ",
     "velocity": "measuredvelocity velmeas velocity vel dq qdot",
@@ -30,6 +30,16 @@ MEANINGS = {
 
 # Factors that `--signals` knows by name; a torque in A takes the torque constant, too.
 UNITS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9, "rad": 1.0, "deg": np.pi / 180, "Nm": 1.0, "A": 1.0}
+
+# Factors of the units in columns' names. `_OTHER` are units of no signal.
+_NAMED = {
+    "time": {"s": 1.0, "sec": 1.0, "ms": 1e-3, "us": 1e-6, "µs": 1e-6, "ns": 1e-9},
+    "position": {"rad": 1.0, "deg": np.pi / 180, "°": np.pi / 180},
+    "torque": {"nm": 1.0, "mnm": 1e-3},
+    "velocity": {"rad/s": 1.0, "deg/s": np.pi / 180, "°/s": np.pi / 180, "rpm": np.pi / 30},
+}
+_OTHER = {"a", "ma", "v", "mv", "%", "counts", "ticks", "m", "mm", "n", "w"}
+_UNIT = re.compile(r"[\[(]([^\d\])]*)[\])]|_(rad|deg|nm|s|ms|us|ns|a)(_s)?$")
 
 SMOOTHING = 0.06  # time over which positions are smoothed by a cubic polynomial [s]
 STEP = 0.004  # time between two samples after reading, of logs that are no slower [s]
@@ -94,34 +104,56 @@ def columns(texts: Iterable[str]) -> Columns:
 
 def _plain(name: str) -> str:
     """Return a column's name without path, unit and punctuation."""
-    name = re.sub(r"[\[(][^\d\])]*[\])]|_(rad|deg|nm|s|ms|us|ns|a)(_s)?$", "", name.strip().lower())
+    name = _UNIT.sub("", name.strip().lower())
     return re.sub(r"[^\w\u0300-\u036f]|_", "", re.split(r"[/.]", name)[-1])  # accents count: q is not its rate
+
+
+def _factor(path: Path, signal: str, name: str) -> float:
+    """Return the factor of the unit in a column's name; 1 if there is none."""
+    found = _UNIT.search(name.lower())
+    unit = re.sub(r"[\s.*·⋅]", "", (found[1] or found[2] or "") + "/s" * bool(found[3])) if found else ""
+    if signal == "torque" and re.fullmatch(r"(i|current)\d?", _plain(name)):
+        unit = "a"
+    if unit in _OTHER.union(*_NAMED.values()) - {*_NAMED[signal]}:
+        raise ValueError(
+            f"{path}: {signal} must not be in {unit}, as {name!r} is: give another column, or a factor, "
+            f"as in --signals {signal}=0.1*NAME"
+        )
+    return _NAMED[signal].get(unit, 1.0)
 
 
 def _choose(path: Path, signal: str, items: tuple[str, ...], names: list[str]) -> dict[str, float]:
     """Return column and factor of one or both joints: a user's items, or names of that meaning."""
-    plain = {_plain(name): name for name in reversed(names)}
+    plain: dict[str, list[str]] = {}
+    for name in names:
+        plain.setdefault(_plain(name), []).append(name)
     ends = [("",), ("0",)] if signal == "time" else [("1", "2"), ("0", "1")]
 
     def of_joints(stems: Iterable[str]) -> list[str]:
         each = ([stem + end for end in pair] for stem in stems for pair in ends)
-        return [plain[key] for key in next((keys for keys in each if plain.keys() >= set(keys)), [])]
+        keys = next((keys for keys in each if plain.keys() >= set(keys)), [])
+        if more := next((plain[key] for key in keys if len(plain[key]) > 1), None):
+            raise ValueError(f"{path}: {' and '.join(more)} may be the {signal}: say which by --signals {signal}=...")
+        return [plain[key][0] for key in keys]
 
-    scale, chosen = 1.0, dict[str, float]()
+    scale, scaled, chosen = 1.0, False, dict[str, float]()
     for item in items:
         if item == "A" and item not in names:
             raise ValueError(f"--signals {signal}=A needs the torque constant [N m/A], as in {signal}=0.091*A")
         sign, factors, last = _ITEM.fullmatch(item).groups() if item not in names else ("", "", item)  # type: ignore[union-attr]
         parts = (UNITS.get(part) or float(part) for part in factors.split("*")[:-1])
         size = math.prod(parts, start=-1.0 if sign else 1.0)
+        scaled |= bool(factors)
         if last in UNITS and last not in names:
-            scale *= size * UNITS[last]
+            scale, scaled = scale * size * UNITS[last], True
         elif columns := [last] if last in names else of_joints([_plain(last)]):
             chosen |= dict.fromkeys(columns, size)
         else:
             raise unknown(f"column of {signal} of {path} (--signals)", last, names)
     chosen = chosen or dict.fromkeys(of_joints(MEANINGS[signal].split()), 1.0)
-    return {name: size * scale for name, size in chosen.items()}
+    if signal == "time" and [_plain(name) for name in chosen] in (["sec"], ["secs"]):  # a stamp of ROS
+        return chosen | dict.fromkeys(of_joints(["nanosec", "nsecs"]), 1e-9)
+    return {name: size * (scale if scaled else scale * _factor(path, signal, name)) for name, size in chosen.items()}
 
 
 def _signals(path: Path, table: Any, mapping: Columns) -> tuple[dict[str, Array], list[str]]:
@@ -130,7 +162,7 @@ def _signals(path: Path, table: Any, mapping: Columns) -> tuple[dict[str, Array]
     for signal in MEANINGS:
         wanted, left_out = 1 if signal == "time" else 2, mapping.get(signal) == ()
         columns = {} if left_out else _choose(path, signal, mapping.get(signal, ()), [*table.columns])
-        if len(columns) == wanted:
+        if len(columns) == wanted or (signal == "time" and len(columns) == 2):  # s and ns
             parts = [table[name] - (table[name].iloc[0] if signal == "time" else 0) for name in columns]  # keeps digits
             signals[signal] = np.column_stack(parts).astype(float) * [*columns.values()]
             remarks.append(", ".join(name if size == 1 else f"{size:.4g}*{name}" for name, size in columns.items()))
@@ -166,7 +198,7 @@ def read(path: Path, mapping: Columns | None = None, zero: Sequence[float] = (0.
     position, torque = signals["position"], signals["torque"]
     if {"alive", "time_s"} <= {*table.columns} and "command_1_Nm" in found[2]:  # of `fbl-gym evaluate --trace`
         torque = np.concatenate([torque[1:], torque[-1:]])  # each command was decided at the row before
-    time, steps, sample, unit = _times(path, signals["time"][:, 0], found[0].lower(), table.index)
+    time, steps, sample, unit = _times(path, signals["time"].sum(axis=1), table.index)
     _refuse_faults(path, position, steps)
     dt = max(STEP, float(f"{sample:.2g}"))
     times = np.arange(time[0], time[-1], dt)
@@ -175,7 +207,7 @@ def read(path: Path, mapping: Columns | None = None, zero: Sequence[float] = (0.
     even = at_times[:-1, :2] + zero
     held = np.diff(at_times[:, 2:], axis=0) / dt  # the mean of the held command over each step
     states = np.hstack([smooth(even, dt, order) for order in (0, 1)])
-    counts, (difference, how) = _counts(position), _velocity(signals.get("velocity"), position, time)
+    counts, (difference, how) = _counts(position), _velocity(path, signals.get("velocity"), position, time)
     peak = np.abs(torque).max(axis=0)
     full = (np.abs(torque) >= peak * (1 - 1e-9)).sum(axis=0) * (peak > 0)
     remarks = (
@@ -207,7 +239,16 @@ def _read_table(path: Path) -> Any:
     else:
         table = _read_text(read_text(path))
     table.columns = [str(name).strip() for name in table.columns]
-    return table.apply(pd.to_numeric, errors="coerce")
+    return table.apply(_numbers)
+
+
+def _numbers(column: Any) -> Any:
+    """Return the numbers of a column, NaN where none is; of dates, seconds since the first."""
+    numbers = pd.to_numeric(column, errors="coerce")
+    if numbers.notna().any():
+        return numbers
+    dates = pd.to_datetime(column, errors="coerce", format="ISO8601", utc=True)
+    return (dates - dates.min()).dt.total_seconds()
 
 
 def _read_text(text: str) -> Any:
@@ -215,12 +256,25 @@ def _read_text(text: str) -> Any:
     lines = {n: line for n, line in enumerate(text.lstrip("\ufeff").split("\n"), 1) if line.strip()}
     rows = {n: line for n, line in lines.items() if line.lstrip()[0] not in "#%"}
     first = min(rows, default=0)
-    separator = next((each for each in ";\t," if each in rows.get(first, "")), r"\s+")
-    parts = re.split(separator, rows.get(first, "").strip())
+    separator = next((each for each in ";\t|," if each in rows.get(first, "")), r"\s+")
+
+    def split(line: str) -> list[str]:
+        return [part.strip(' "') for part in re.split(separator.replace("|", "[|]"), line.strip())]
+
+    def has_numbers(parts: list[str]) -> bool:
+        return any(re.fullmatch(r"[-+.,\d\s]*\d[-+.,eE\d\s]*", part) for part in parts)
+
     above = [line.lstrip("#% ") for n, line in lines.items() if n < first]
-    header = not any(re.fullmatch(r"[-+.,\d\s]*\d[-+.,eE\d\s]*", part) for part in parts)
-    if not header and above and len(re.split(separator, above[-1].strip())) == len(parts):
+    parts = split(rows.get(first, ""))
+    header = not has_numbers(parts)
+    if not header and above and len(split(above[-1])) == len(parts):
         rows, header = {0: above[-1], **rows}, True  # NumPy writes its header as a comment
+    after = next(itertools.islice(rows, 1, None), first)
+    units = split(rows.get(after, ""))
+    if header and after > first and len(units) == len(parts) and not has_numbers(units):  # a line of units
+        join = (separator if separator != r"\s+" else " ").join
+        rows[first] = join(f"{name}[{unit.strip('[]()')}]" for name, unit in zip(parts, units, strict=True))
+        del rows[after]
     comma = separator != "," and any("," in line for line in [*rows.values()][1:])
     table = pd.read_csv(
         io.StringIO("\n".join(rows.values())), sep=separator, decimal="," if comma else ".", header=0 if header else None,
@@ -229,18 +283,14 @@ def _read_text(text: str) -> Any:
     return table.set_axis([*rows][header:])
 
 
-def _times(path: Path, time: Array, column: str, lines: Any) -> tuple[Array, Array, float, str]:
-    """Return the times [n], their intervals [n - 1] and the median of these in s, and their unit.
-
-    The column names the unit, or else the size of the intervals tells it.
-    """
+def _times(path: Path, time: Array, lines: Any) -> tuple[Array, Array, float, str]:
+    """Return times [n], intervals [n - 1] and their median in s, and the unit by their size."""
     steps = np.diff(time)
     if (back := steps <= 0).any():
         line = lines[1:][back][0]
         raise ValueError(f"{path}: time must increase, but {back.sum()} rows do not, first line {line}: delete them")
     sample = float(np.median(steps))
-    named = [] if "*" in column else re.findall(r"(?<![a-z])(?:ms|us|ns)(?![a-z])", column)
-    unit = next((unit for unit in (*named, "s", "ms", "us", "ns") if FASTEST <= sample * UNITS[unit] <= SLOWEST), "s")
+    unit = next((unit for unit in ("s", "ms", "us", "ns") if FASTEST <= sample * UNITS[unit] <= SLOWEST), "s")
     time, steps, sample = time * UNITS[unit], steps * UNITS[unit], sample * UNITS[unit]
     if not FASTEST <= sample <= SLOWEST:
         raise ValueError(f"{path}: time must be in s, {FASTEST:g} to {SLOWEST:g} s a sample, got {sample:g}")
@@ -286,7 +336,7 @@ def _counts(position: Array) -> Array:
     return counts
 
 
-def _velocity(velocity: Array | None, position: Array, time: Array) -> tuple[int, str]:
+def _velocity(path: Path, velocity: Array | None, position: Array, time: Array) -> tuple[int, str]:
     """Return the samples of the difference that the velocity is, and how it was computed."""
     if velocity is None:
         return 0, "not logged"
@@ -294,5 +344,13 @@ def _velocity(velocity: Array | None, position: Array, time: Array) -> tuple[int
         difference = (position[n:] - position[:-n]) / (time[n:] - time[:-n])[:, None]
         if np.median(np.abs(difference - velocity[n:])) < 0.05 * np.median(np.abs(velocity)):
             return n, f"difference of positions {n} sample{'s' * (n > 1)} apart"
-    noise = np.std(velocity - smooth(position, float(np.median(np.diff(time))), 1), axis=0)
+    slope = smooth(position, float(np.median(np.diff(time))), 1)
+    for joint, (one, other) in enumerate(zip(velocity.T, slope.T, strict=True), 1):
+        factor = one @ other / (other @ other)  # the least squares of velocity = factor * slope
+        if (one @ other) ** 2 > 0.8 * (one @ one) * (other @ other) and not 0.5 < factor < 2.0:
+            raise ValueError(
+                f"{path}: velocity {joint} must be that of position {joint}, but is {factor:.3g} times as fast: check the "
+                "units of time, position and velocity, or leave it out by --signals velocity="
+            )
+    noise = np.std(velocity - slope, axis=0)
     return 0, f"measured, noise {noise[0]:.3g} and {noise[1]:.3g} rad/s"

@@ -10,7 +10,7 @@ from scipy.io import savemat
 from benchmarks.identification import excitation, result
 from benchmarks.identification import fit as fitting
 from benchmarks.identification.fit import identify, refuse_meaningless, rollout_errors
-from benchmarks.identification.logs import columns, read, refuse_twice
+from benchmarks.identification.logs import columns, read, refuse_twice, smooth
 from benchmarks.identification.model import INDEX, parameters_of, windows
 from benchmarks.identification.result import arm_of
 from fbl_gym import scenarios
@@ -73,6 +73,12 @@ HEADER, DEGREES = ",".join(NAMES), 180 / np.pi
 ROS = "%time,field.position0,field.position1,/joint_states/effort[0],/joint_states/effort[1]"
 
 
+def stamped(text, stamp, name):
+    """Return the text of a log with other times."""
+    rows = [line.split(",", 1) for line in text.splitlines()]
+    return "\n".join([f"{name},{rows[0][1]}", *(f"{stamp(float(time))},{rest}" for time, rest in rows[1:])])
+
+
 @pytest.mark.parametrize(("change", "factors", "signals"), [
     (lambda t: "\ufeff# my robot, 2026\n" + t, 1, []),
     (lambda t: t.replace(",", ";").replace(".", ","), 1, []),
@@ -88,7 +94,11 @@ ROS = "%time,field.position0,field.position1,/joint_states/effort[0],/joint_stat
     (lambda t: t.replace(HEADER, "t,θ1,θ2,τ1,τ2"), 1, []),
     (lambda t: t.replace("time_s", "time [ms]"), [1e3, 1, 1, 1, 1], ["time=ms"]),
     (lambda t: t.replace(HEADER, "t,q1,q2,u1,u2"), [1, 1, 1, 0.1, 0.1], ["torque=10*A"]),
-
+    (lambda t: t.replace(HEADER, "t [ms],q1 (deg),q2[°],u1 [N m],u2 (mN·m)"), [1e3, DEGREES, DEGREES, 1, 1e3], []),
+    (lambda t: t.replace(HEADER, "t,q1,q2,u1,u2\nms,deg,rad,,Nm"), [1e3, DEGREES, 1, 1, 1], []),
+    (lambda t: t.replace(HEADER, "t;q1;q2;i1;i2").replace(",", "|").replace(";", "|"), 1, ["torque=1*i"]),
+    (lambda t: stamped(t, lambda s: f"2026-05-04T12:00:{s:012.9f}Z", "time"), 1, []),
+    (lambda t: stamped(t, lambda s: f"{7 + int(s)},{round(1e9 * (s % 1))}", "stamp.sec,stamp.nanosec"), 1, []),
 ])  # fmt: skip
 def test_logs_as_people_have_them(rows, tmp_path, change, factors, signals):
     first = read(write(tmp_path / "run.csv", rows[0]))
@@ -115,11 +125,31 @@ def test_logs_of_matlab_and_traces(rows, tmp_path):
     ]  # a trace's row has the command of the one before
     late = read(write(tmp_path / "c.csv", late, (*NAMES, *measured, "alive"))).torque[:-1]
     assert late == pytest.approx(read(trace).torque[:-1], abs=1e-8)
-    for text in ("torqe=u,w", "torque=u,w", "torque=torque_1_Nm", "torque=A"):
-        with pytest.raises(
-            ValueError, match=r"signal 'torqe'|column of torque.*--signals|2 columns of torque|torque=0.091\*A"
-        ):
+    for text, message in (
+        ("torqe=u,w", "unknown signal 'torqe'"), ("torque=u,w", "unknown column of torque.*--signals"),
+        ("torque=torque_1_Nm", "2 columns of torque"), ("torque=A", r"torque=0\.091\*A"),
+        ("torque=time_s,command_2_Nm", "torque must not be in s, as 'time_s' is"),
+    ):  # fmt: skip
+        with pytest.raises(ValueError, match=message):
             read(trace, columns([text]))
+    currents = write(tmp_path / "d.csv", rows[0], ("t", "q1", "q2", "i1", "i2"))
+    with pytest.raises(ValueError, match="torque must not be in a, as 'i1' is"):
+        read(currents, columns(["torque=i"]))
+
+
+def test_a_logged_velocity_is_that_of_the_positions(rows, tmp_path):
+    slope = smooth(rows[0][:, 1:3], 0.002, 1)
+    slope = slope + np.random.default_rng(1).normal(0, 0.2, slope.shape)
+    names = (*NAMES, "velocity_1", "velocity_2")
+    assert "velocity: measured" in read(write(tmp_path / "a.csv", np.hstack([rows[0], slope]), names)).remarks[2]
+    wrong = write(tmp_path / "b.csv", np.hstack([rows[0], DEGREES * slope]), names)
+    with pytest.raises(ValueError, match=r"velocity 1 must be that of position 1, but is 5[67]\.\d times as fast"):
+        read(wrong)
+    named = [name.replace("velocity", "dq") + "[deg/s]" * ("vel" in name) for name in names]
+    assert (
+        "velocity: measured" in read(write(tmp_path / "c.csv", np.hstack([rows[0], DEGREES * slope]), named)).remarks[2]
+    )
+    assert "not logged" in read(wrong, columns(["velocity="])).remarks[2]
 
 
 @pytest.mark.parametrize(("damage", "message"), [
@@ -149,6 +179,8 @@ def test_a_file_that_is_no_table_is_refused(tmp_path):
         ("", "header.*No columns"), ("time_s,a\n1,2\n1,2,3\n", "equal lines.*line 3"),
         ("t,q1,q2,u1,u2\n", "200 samples or more, got 0"), ("bench 3, today\n\nt,q1,q2\n1,2,3\n", "equal lines"),
         ("t,Δq1,Δq2,u1,u2\n" + "1,2,3,4,5\n" * 200, "give 2 columns of position"),
+        ("t,q1,q2,u1 [V],u2\n" + "1,2,3,4,5\n" * 200, r"torque must not be in v, as 'u1 \[V\]' is"),
+        ("t,a/q1,b/q1,q2,u1,u2\n" + "1,2,3,4,5,6\n" * 200, "a/q1 and b/q1 may be the position"),
         ("t;q1;q2;u1;u2\n" + "1;0;0;0;0\n" * 9 + "1,5;0,1;0;0;0\n" * 200, "rows do not, first line 3"),
     ):  # fmt: skip
         (tmp_path / "bad.csv").write_text(text)
