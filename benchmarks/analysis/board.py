@@ -239,8 +239,9 @@ def assemble(results: Sequence[Result], expected: Sequence[Cell] = ()) -> Board:
     """Return the board of a suite's results.
 
     Members of a row are the policies whose specifications name it in `rows`. A row with a member
-    that failed in a scenario counts there as the motionless baseline: an arm at its start. One with
-    a member that failed in all of them, or lacks a result, is left out and named.
+    that failed in a scenario counts there as the motionless baseline, an arm at its start, and all
+    its runs are lost: to give up is no better than to diverge. One with a member that failed in all
+    of them, or lacks a result, is left out and named.
 
     Args:
         results: of cells with the same seeds.
@@ -303,9 +304,9 @@ def _why_left_out(results: Mapping[str, Result], tasks: Iterable[str]) -> str:
 
 
 def _motionless(row: dict[str, float]) -> dict[str, float]:
-    """Return the metrics of the motionless baseline, from those of any policy's run."""
+    """Return the metrics of a lost run of an arm at its start, from those of any policy's run."""
     reference = {name: row[name] for name in ("baseline_error_pct", "resolution_pct")}
-    still = {"error_pct": row["baseline_error_pct"], "variation": 0.0, "diverged": 0.0}
+    still = {"error_pct": row["baseline_error_pct"], "variation": 0.0, "diverged": 1.0}
     return dict.fromkeys(row, float("nan")) | reference | still
 
 

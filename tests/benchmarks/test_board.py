@@ -125,6 +125,7 @@ def test_a_member_that_fails_or_lacks_a_result_counts_for_its_row():
     found = assemble(results)
     assert found.failed == {row: {"noise-1": "RuntimeError: no"} for row in ("pid-flm", "pair")}
     np.testing.assert_array_equal(found.errors[1:, 1], found.runs["baseline_error_pct"][1:, 1])
+    np.testing.assert_array_equal(found.lost.value, [0.0, 0.5, 0.5])  # of two members, each failed in one of two
     assert "pid-flm counts as the motionless baseline in noise-1: RuntimeError: no" in found.remarks
     assert "`pid-flm`, motionless in 1 of 2 |" in markdown.leaderboard(found)
 
