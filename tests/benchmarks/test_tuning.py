@@ -26,7 +26,6 @@ from fbl_gym import Scenario, scenarios
 from fbl_gym.model.arm import ArmParameters
 from fbl_gym.records.record import ends
 from fbl_gym.scenarios import as_scenario, held_out_reason
-from tests import drawn_arms
 
 NOMINAL = (Scenario(),)
 
@@ -360,17 +359,3 @@ def test_the_command(folder, fbl_gym, monkeypatch):
     assert "without json:loads: TypeError: the JSON object must be" in shown
     assert "No policy is safe on short" in fbl_gym([*arguments, "--policies", "zero"], 1).out
     fbl_gym([*arguments, "--seeds", "1"], 2)
-
-
-@pytest.mark.usefixtures("folder")
-def test_the_check_on_drawn_arms(monkeypatch, capsys):
-    draw = drawn_arms.draw
-    assert all(Likeness.of(draw(i)).classes[0] == draw(i).name.split("-")[2] for i in range(12))
-    monkeypatch.setattr(drawn_arms, "draw", lambda i: draw(i).replace(duration=0.3))
-    monkeypatch.setattr(drawn_arms, "TRIALS", 2)
-    few = ["0", "--seeds", "2", "--workers", "1", "--trials", "0", "--laws", "pd-gravity", "--policies"]
-    drawn_arms.main([*few, "pd-gravity", "computed-torque"])
-    line, share = capsys.readouterr().out.splitlines()
-    assert line.startswith(f"{draw(0).name}: ")
-    assert "best of 1 laws tuned: pd-gravity" in line
-    assert "of 1 first choices are safe and within 1.5 times the best" in share
