@@ -101,7 +101,6 @@ def write_best(task: Task, storage: str, folder: Path, command: str) -> str:
 
 def _trials(trials: int, task: Task) -> float:
     """Go on with a law's trials; return the best objective."""
-    refused = (ValueError, ArithmeticError)  # a trial of gains that the law refuses
     begun = len(open_study(task, STORAGE).trials)
-    study = tune(task, STORAGE, task.shipped(*CLASSES).values(), begun + trials, catch=refused, seed=begun)
+    study = tune(task, STORAGE, task.shipped(*CLASSES).values(), begun + trials, seed=begun)
     return min((trial.value or 0.0 for trial in finished(study)), default=math.inf)

@@ -158,20 +158,20 @@ def seeds(trial: int, fresh: int) -> tuple[range, range]:
 
 def tune(
     task: Task, storage: str, starts: Iterable[Mapping[str, float]] = (), trials: int = sys.maxsize,
-    catch: tuple[type[Exception], ...] = (), seed: int | None = None,
+    seed: int | None = None,
 ) -> optuna.Study:  # fmt: skip
-    """Go on with a study until it has enough finished trials, those of earlier runs counted.
+    """Go on with a study until it has enough trials, those of earlier runs counted.
 
-    The first trial is that of the default gains. Other code, scenarios or seeds begin another
-    study. Processes, also those of several machines, share the studies of a database, named by its
-    URL as for Optuna. Each run and process has another sampler seed, so that no trial is repeated.
+    The first trial is that of the default gains. A trial fails if the law refuses its gains by a
+    ValueError or an ArithmeticError. Other code, scenarios or seeds begin another study. Processes,
+    also those of several machines, share the studies of a database, named by its URL as for Optuna.
+    Each run and process has another sampler seed, so that no trial is repeated.
 
     Args:
         task: to be tuned.
         storage: database of the trials.
         starts: gains of the trials after the first.
         trials: enough of them.
-        catch: errors that only fail a trial.
         seed: of the sampler; None: another one for each run and process.
     """
     from optuna.study import MaxTrialsCallback
@@ -191,8 +191,8 @@ def tune(
 
     try:
         if len(finished(study)) < trials:
-            ends = TrialState.COMPLETE, *([TrialState.FAIL] if catch else [])
-            study.optimize(objective, catch=catch, callbacks=[MaxTrialsCallback(trials, states=ends)])
+            enough = MaxTrialsCallback(trials, states=(TrialState.COMPLETE, TrialState.FAIL))
+            study.optimize(objective, catch=(ValueError, ArithmeticError), callbacks=[enough])
     except Exception as problem:
         if isinstance(problem.__context__, KeyboardInterrupt):  # it came while Optuna stored the trial
             raise problem.__context__ from None

@@ -163,6 +163,12 @@ def test_a_resumed_study_repeats_no_trial(tmp_path, monkeypatch):
     assert len(gains_of(study)) == len(set(gains_of(study))) == 4
 
 
+def test_gains_that_a_law_refuses_fail_their_trial(tmp_path, monkeypatch):
+    monkeypatch.setattr(Task, "cost", lambda _, gains, best: (1 / (not gains), 0.0))
+    study = tune(Task("pid-flm", NOMINAL, seeds(1, 1)[0]), f"sqlite:///{tmp_path}/studies.db", trials=3)
+    assert [trial.state.name for trial in study.trials] == ["COMPLETE", "FAIL", "FAIL"]
+
+
 def test_two_processes_share_a_study(tmp_path):
     """They also make its database at the same time."""
     storage = f"sqlite:///{tmp_path}/studies.db?timeout=60"
