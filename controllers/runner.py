@@ -2,6 +2,7 @@
 
 import contextlib
 import math
+import os
 import warnings
 from collections.abc import Callable, Iterable
 from pathlib import Path
@@ -111,6 +112,7 @@ class Runner:
         self._lost = encoder.dropout_length if encoder is not None and ends(encoder.dropout)[1] > 0 else 0
         self._file: TextIO | None = None
         self._state: Any = None
+        self._torque, self._left, self._goes_on = np.zeros(2), 0, True
         at_rest = np.zeros(2 * len(self._robot.needs))
         self._robot.start(at_rest)
         for k in range(3):  # compile all code now: a robot does not wait
@@ -150,7 +152,9 @@ class Runner:
         self.close()
         self.stopped = self.log_error = ""
         self._last = math.nan
-        self._torque, self._left, self._goes_on = np.zeros(2), 0, True
+        if not self._goes_on:  # else the robot keeps the last torque
+            self._torque = self._torque * (self._left / self._ramp_steps)
+        self._left, self._goes_on = 0, True
         if log is not None:
             self._file = Path(log).open("w", encoding="utf-8", buffering=1)  # noqa: SIM115 - it is open between steps
             signals = (*self._scenario.sensors, "reference", "torque")
@@ -165,7 +169,8 @@ class Runner:
         """
         if self._goes_on:
             self.stopped, self._goes_on = reason, False
-            self._left = 0 if math.isnan(self._last) else self._ramp_steps
+            commanded = self._torque.any() or not math.isnan(self._last)
+            self._left = self._ramp_steps if commanded else 0
             self.close()
 
     @property
@@ -241,9 +246,9 @@ class Runner:
         self._check_place(position, ahead, observation)
         if not begins:
             self._check_motion(position, ahead, now - self._last)
+        signals = np.concatenate([observation[0, : 2 * len(self._scenario.sensors)], ahead[:2]])
         torque = self._act(observation, begins)
-        signals = observation[0, : 2 * len(self._scenario.sensors)], ahead[:2], torque
-        self._write(map(repr, [now - self._begin, *np.concatenate(signals).tolist()]))
+        self._write(map(repr, [now - self._begin, *signals.tolist(), *torque.tolist()]))
         self._last, self._torque = now, torque
         return torque.copy()
 
@@ -254,13 +259,16 @@ class Runner:
         return self._robot.command(_numbers("action", action, 2))
 
     def _write(self, cells: Iterable[str]) -> None:
-        """Write a line of the log; where that fails, the log ends and not the run."""
+        """Write a line of the log; where that fails, the log ends before it, and not the run."""
         if self._file is not None:
+            path, whole = self._file.name, self._file.tell()
             try:
                 self._file.write(",".join(cells) + "\n")
             except OSError as problem:
                 self.log_error = str(problem)
                 self.close()
+                with contextlib.suppress(OSError):
+                    os.truncate(path, whole)
 
     def _check_place(self, position: Array, reference: Array, observation: Array) -> None:
         """Raise a ValueError where a joint is beyond a limit."""

@@ -325,16 +325,22 @@ def test_the_loop_of_the_page_ends_in_a_ramp(failure, run_page):
     check_end(run_page(at_step=at_step), 400 if failure is None else FAULT - 1, reason, failure)
 
 
-def test_a_full_disk_ends_the_log_alone(monkeypatch, run_page):
-    full, path = OSError(28, "No space left on device"), Mock()
-    file = Mock(write=Mock(side_effect=[None] * FAULT + [full]), close=Mock(side_effect=full))
-    path.return_value.open.return_value = file
+def test_a_full_disk_ends_the_log_alone(tmp_path, run_page):
+    """It ends with a whole line. The largest size of a file stands for that of the disk."""
+    resource = pytest.importorskip("resource")
     whole, _, _ = run_page()
-    monkeypatch.setattr("controllers.runner.Path", path)
-    robot, runner, error = run_page()
+    limits = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (5000, limits[1]))
+    try:
+        robot, runner, error = run_page()
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, limits)
     assert (error, runner.stopped) == (None, "")
-    assert "No space left on device" in runner.log_error
+    assert "File too large" in runner.log_error
     assert np.array_equal(robot.torques, whole.torques)
+    text = (tmp_path / "run.csv").read_text()
+    assert text.endswith("\n")
+    assert 4800 < len(text) < 5000
 
 
 def test_without_a_block_the_ramp_is_stepped():
@@ -345,6 +351,18 @@ def test_without_a_block_the_ramp_is_stepped():
     assert (runner.stopped, runner.stopping) == ("", False)
     with pytest.raises(ValueError, match="send must be given"), runner:
         pass
+
+
+def test_a_block_that_ends_between_two_runs_sends_the_ramp():
+    """The robot keeps the last torque of the first run until the second one begins."""
+    sent: list = []
+    runner, _, torque = started(send=sent.append)
+    with runner:
+        runner.reset()
+    assert sent == pytest.approx((1 - 0.1 * np.arange(1, 11))[:, None] * torque)
+    runner.reset()
+    runner.stop()
+    assert not runner.stopping
 
 
 # The log.
