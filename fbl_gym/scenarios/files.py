@@ -114,7 +114,10 @@ def from_table(table: Mapping[str, Any], path: Path | None = None, above: tuple[
                 for doubt in () if isinstance(arm, str) else _doubts(given):  # before an error that follows from it
                     doubt = doubt.partition("; beside")[0] if isinstance(arm, RobotFile) else doubt
                     warnings.warn(f"{path or 'arm'}: {doubt}", UnitsWarning, stacklevel=2)
-                parent = tier_scenario(base, given) if base in MEMBERS else parent
+                try:
+                    parent = tier_scenario(base, given) if base in MEMBERS else parent
+                except ValueError:  # such as of joints that need the shorter physics step of the table
+                    parent = tier_scenario(base, given, **{n: x for n, x in fields.items() if n == "physics_dt"})
                 fields = arm.options(fields, parent.to_dict()) if isinstance(arm, RobotFile) else fields
             fields.setdefault("description", f"{parent.name} with other options")
             return build("scenario", merged(parent.to_dict(), fields), Scenario)

@@ -114,12 +114,13 @@ def member(name: str) -> Member | None:
     return MEMBERS.get(name.partition("@")[0])
 
 
-def tier_scenario(name: str, arm: ArmParameters | None = None) -> Scenario:
+def tier_scenario(name: str, arm: ArmParameters | None = None, **options: Any) -> Scenario:
     """Return the scenario of a name of `MEMBERS`.
 
     Args:
         name: its name.
         arm: another nominal arm, whose weight and inertia all torques of a class of robots follow.
+        **options: fields of `Scenario` that replace those of the tier.
     """
     family, severity, tier = MEMBERS[name]
-    return Scenario(name=name, **_TIERS[tier].options(family, severity, arm))
+    return Scenario(name=name, **_TIERS[tier].options(family, severity, arm) | options)

@@ -186,6 +186,10 @@ def test_an_arm_may_be_in_kg_m_and_kg_m2(tmp_path):
     for more, message in (({}, "arm must give centre and inertia"), ({"m1": 1.0}, "or m1, m2, L1 and L2, got also m1")):
         with pytest.raises(ValueError, match=message):
             as_scenario({**plain, "arm": {**plain["arm"], **more}})
+    light = {**plain, "arm": {**plain["arm"], "centre": 0.1, "inertia": 0.01, "rotor": 1e-3}}
+    with pytest.raises(ValueError, match=r"physics_dt=0.0005 s is too long .*; physics_dt=.* s would do"):
+        as_scenario(light)
+    assert as_scenario({**light, "physics_dt": 2e-5}).physics_dt == 2e-5
 
 
 @pytest.mark.parametrize(("arm", "doubt"), ERRORS["doubtful"])
