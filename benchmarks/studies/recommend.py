@@ -138,13 +138,12 @@ def push(base: Scenario, kind: str, factor: float, robot: str) -> Scenario:
         case "parameters":
             radius = factor * error.radius if error is not None and error.radius > 0 else 0.2 * more
             changes: dict[str, Any] = {"parameter_error": _replaced(error, radius=radius)}
-            if base.joint is not None or base.link is not None:  # a lighter link is faster on its spring
-                changes["physics_dt"] = base.physics_dt / 2
         case "payload":
-            payload = error and error.payload
-            mass = max(0.5 * more * base.arm.m2, factor * ends(getattr(payload, "mass", payload or 0.0))[1])
+            payload: Any = error and error.payload
+            mass = max(0.5 * more * base.arm.m2, factor * ends(getattr(payload, "mass", 0.0))[1])
             times = {"pick_up": _uniform(0.1, 0.3, base.duration), "drop": _uniform(0.6, 0.8, base.duration)}
-            changes = {"parameter_error": _replaced(error, payload={"mass": _uniform(0.0, mass), **times})}
+            payload = _replaced(payload, mass=_uniform(0.0, mass), **times)
+            changes = {"parameter_error": _replaced(error, payload=payload)}
         case "delay":
             late = ends(actuator.delay)[1], ends(actuator.delay_samples)[1] * base.control_dt
             delay = factor * late[0] + more * late[1] if any(late) else more * base.control_dt
@@ -164,9 +163,9 @@ def push(base: Scenario, kind: str, factor: float, robot: str) -> Scenario:
         case "noise":
             noise = getattr(base.noise, "position", None) or SensorError()
             usual = conditions(base.arm, robot, "noise", 2)["noise"]
-            given = ends(noise.sigma)[1] > 0
-            sigma = scaled(noise.sigma, factor) if given else usual["position"] * more
-            changes = {"noise": _replaced(base.noise, position=_replaced(noise, sigma=sigma))}
+            std = noise.std_at(base.control_dt)
+            sigma = scaled(std, factor) if ends(std)[1] > 0 else usual["position"] * more
+            changes = {"noise": _replaced(base.noise, position=replace(noise, sigma=sigma, density=0.0, snr_db=None))}
         case "elastic":  # half the stiffness, of joints and of links
             powers = {("joint", "stiffness"): -1.0, ("joint", "frequency"): -0.5, ("link", "frequency"): -0.5}
             changes = {
@@ -176,12 +175,15 @@ def push(base: Scenario, kind: str, factor: float, robot: str) -> Scenario:
             }
         case "torque constant":
             low, high = ends(actuator.gain)
-            changes = {"actuator": _replaced(actuator, gain=_uniform(low - 0.2 * more, high + 0.2 * more))}
+            changes = {"actuator": _replaced(actuator, gain=_uniform(max(low - 0.2 * more, 0.0), high + 0.2 * more))}
         case "data sheet":
             changes = _off(base, 1.4 if factor >= 2 else 1.2, 0.25 * factor)
         case _:
             changes = {"actuator": _replaced(actuator, torque_limit=_scarce_torque(base))}
-    return base.replace(**changes)
+    try:
+        return base.replace(**changes)
+    except ValueError:  # such as of a lighter link, which is faster on its spring
+        return base.replace(physics_dt=base.physics_dt / 2, **changes)
 
 
 def _off(base: Scenario, times: float, samples: float) -> dict[str, Any]:

@@ -241,8 +241,6 @@ def test_a_condition_changes_one_option(name):
     assert ("elastic" in every) == (base.joint is not None)
     for kind, scenario in every.items():
         changed = {field for field, value in vars(scenario).items() if value != getattr(base, field)} - {"name"}
-        if kind == "parameters" and base.joint is not None:
-            changed -= {"physics_dt"}  # a lighter link is faster on its spring
         if kind == "data sheet":
             assert changed <= {"actuator", "joint", "datasheet"}
         else:
@@ -271,6 +269,14 @@ def test_sizes_are_twice_the_given_ones():
     for robot, lag in (("servo", 0.015), ("direct", 0.002)):
         assert push(Scenario(), "lag", 2.0, robot).actuator.lag == lag
     assert np.all(np.array(push(base, "saturation", 2.0, "servo").actuator.torque_limit) < base.actuator.torque_limit)
+    for noise, std in (({"density": 1e-4}, 1e-4 / 0.02**0.5), ({"snr_db": 40.0}, 0.01)):
+        noisy = push(Scenario(noise={"position": noise}), "noise", 2.0, "servo")
+        assert noisy.noise.position.sigma == pytest.approx((2 * std, 2 * std))
+    loaded = push(base.replace(parameter_error={"payload": {"mass": 1.0, "offset": 0.2}}), "payload", 2.0, "servo")
+    assert loaded.parameter_error.payload.offset == 0.2
+    assert push(Scenario(actuator={"gain": 0.1}), "torque constant", 2.0, "servo").actuator.gain[0].uniform[0] == 0.0
+    rubbing = Scenario(friction={"viscous": 900.0})  # almost too much for its physics step
+    assert push(rubbing, "friction", 2.0, "servo").physics_dt == 0.5 * rubbing.physics_dt
 
 
 @pytest.fixture(scope="module")
