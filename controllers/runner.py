@@ -156,7 +156,8 @@ class Runner:
             self._torque = self._torque * (self._left / self._ramp_steps)
         self._left, self._goes_on = 0, True
         if log is not None:
-            self._file = Path(log).open("w", encoding="utf-8", buffering=1)  # noqa: SIM115 - it is open between steps
+            self._file = Path(log).open("w", 1, "utf-8", newline="\n")  # noqa: SIM115 - it is open between steps
+            self._logged = 0  # bytes, as all lines are ASCII
             signals = (*self._scenario.sensors, "reference", "torque")
             columns = [f"{name}_{joint}_{_UNITS[name]}" for name in signals for joint in (1, 2)]
             self._write(["time_s", *columns])
@@ -261,14 +262,15 @@ class Runner:
     def _write(self, cells: Iterable[str]) -> None:
         """Write a line of the log; where that fails, the log ends before it, and not the run."""
         if self._file is not None:
-            path, whole = self._file.name, self._file.tell()
+            path, line = self._file.name, ",".join(cells) + "\n"
             try:
-                self._file.write(",".join(cells) + "\n")
+                self._file.write(line)
+                self._logged += len(line)
             except OSError as problem:
                 self.log_error = str(problem)
                 self.close()
                 with contextlib.suppress(OSError):
-                    os.truncate(path, whole)
+                    os.truncate(path, self._logged)
 
     def _check_place(self, position: Array, reference: Array, observation: Array) -> None:
         """Raise a ValueError where a joint is beyond a limit."""
