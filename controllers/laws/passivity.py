@@ -7,7 +7,7 @@ from typing import ClassVar, NamedTuple
 import numpy as np
 
 from controllers.base import Acting, Gain, State, TorqueLaw, number, pair
-from fbl_gym.model.arm import Array, inertia_matrix, regressor, with_rotors
+from fbl_gym.model.arm import Array, inertia_matrix, matrix_of, regressor, with_rotors
 
 #: Speed over which Coulomb friction changes its sign [rad/s].
 TURN = 0.05
@@ -25,33 +25,24 @@ def slotine_li_regressor(q: Array, v: Array, v_r: Array, a_r: Array) -> Array:
     """
     c2, s2 = np.cos(q[:, 1]), np.sin(q[:, 1])
     c1, c12 = np.cos(q[:, 0]), np.cos(q[:, 0] + q[:, 1])
-    both, none = a_r[:, 0] + a_r[:, 1], np.zeros(len(q))
+    both = a_r[:, 0] + a_r[:, 1]
     # C v_r of the Christoffel symbols, over p3: (-s2 (v2 vr1 + (v1 + v2) vr2), s2 v1 vr1).
     first = c2 * (a_r[:, 0] + both) - s2 * (v[:, 1] * v_r[:, 0] + (v[:, 0] + v[:, 1]) * v_r[:, 1])
     second = c2 * a_r[:, 0] + s2 * v[:, 0] * v_r[:, 0]
-    return _matrix(((a_r[:, 0], both, first, c1, c12), (none, both, second, none, c12)))
-
-
-def _matrix(rows: tuple[tuple[Array, ...], ...]) -> Array:
-    """Return the matrices [n x rows x columns] of their entries [n]."""
-    matrix = np.empty((len(rows[0][0]), len(rows), len(rows[0])))
-    for i, row in enumerate(rows):
-        for j, entry in enumerate(row):
-            matrix[:, i, j] = entry
-    return matrix
+    return matrix_of((a_r[:, 0], both, first, c1, c12), (0.0, both, second, 0.0, c12))
 
 
 def momentum_regressor(q: Array, v: Array) -> Array:
     """Return Y [n x 2 x 5] with Y p = M(q) v."""
-    c2, both, none = np.cos(q[:, 1]), v[:, 0] + v[:, 1], np.zeros(len(q))
-    return _matrix(((v[:, 0], both, c2 * (v[:, 0] + both), none, none), (none, both, c2 * v[:, 0], none, none)))
+    c2, both = np.cos(q[:, 1]), v[:, 0] + v[:, 1]
+    return matrix_of((v[:, 0], both, c2 * (v[:, 0] + both), 0.0, 0.0), (0.0, both, c2 * v[:, 0], 0.0, 0.0))
 
 
 def drift_regressor(q: Array, v: Array) -> Array:
     """Return Y [n x 2 x 5] with Y p = G(q) - C'(q, v) v, so torque = d/dt (M v) + Y p."""
-    c1, c12, none = np.cos(q[:, 0]), np.cos(q[:, 0] + q[:, 1]), np.zeros(len(q))
+    c1, c12 = np.cos(q[:, 0]), np.cos(q[:, 0] + q[:, 1])
     third = np.sin(q[:, 1]) * v[:, 0] * (v[:, 0] + v[:, 1])
-    return _matrix(((none, none, none, c1, c12), (none, none, third, none, c12)))
+    return matrix_of((0.0, 0.0, 0.0, c1, c12), (0.0, 0.0, third, 0.0, c12))
 
 
 def friction_regressor(v: Array) -> Array:
@@ -59,8 +50,8 @@ def friction_regressor(v: Array) -> Array:
 
     p has both joints' viscous friction, then both joints' Coulomb friction.
     """
-    dry, none = np.tanh(v / TURN), np.zeros(len(v))
-    return _matrix(((v[:, 0], none, dry[:, 0], none), (none, v[:, 1], none, dry[:, 1])))
+    dry = np.tanh(v / TURN)
+    return matrix_of((v[:, 0], 0.0, dry[:, 0], 0.0), (0.0, v[:, 1], 0.0, dry[:, 1]))
 
 
 class SlotineLiState(NamedTuple):

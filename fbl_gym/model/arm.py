@@ -260,10 +260,10 @@ def _stack(*parts: Any) -> Array:
     return stacked
 
 
-def _matrix(*entries: Any) -> Array:
-    """Return the matrices [... x 2 x n] of their entries, row by row."""
-    stacked = _stack(*entries)
-    return stacked.reshape(*stacked.shape[:-1], 2, len(entries) // 2)
+def matrix_of(first: tuple[Any, ...], second: tuple[Any, ...]) -> Array:
+    """Return the matrices [... x 2 x n] of the entries of their two rows."""
+    stacked = _stack(*first, *second)
+    return stacked.reshape(*stacked.shape[:-1], 2, len(first))
 
 
 def inertia_matrix(arm: ArmParameters | ArrayLike, q: ArrayLike) -> Array:
@@ -271,7 +271,7 @@ def inertia_matrix(arm: ArmParameters | ArrayLike, q: ArrayLike) -> Array:
     p1, p2, p3, _, _, r1, r2 = _lumped(arm)
     _, q2 = _joints(q)
     m11, m12, m22 = inertia_terms(p1, p2, p3, r1, r2, np.cos(q2))
-    return _matrix(m11, m12, m12, m22)
+    return matrix_of((m11, m12), (m12, m22))
 
 
 def coriolis_matrix(arm: ArmParameters | ArrayLike, q: ArrayLike, v: ArrayLike, *, skew: bool = False) -> Array:
@@ -286,7 +286,7 @@ def coriolis_matrix(arm: ArmParameters | ArrayLike, q: ArrayLike, v: ArrayLike, 
     (_, q2), (v1, v2) = _joints(q), _joints(v)
     h = p3 * np.sin(q2)
     c11, c12 = (-h * v2, -h * (v1 + v2)) if skew else (-2.0 * h * v2, -h * v2)
-    return _matrix(c11, c12, h * v1, 0.0)
+    return matrix_of((c11, c12), (h * v1, 0.0))
 
 
 def gravity_torque(arm: ArmParameters | ArrayLike, q: ArrayLike) -> Array:
@@ -334,7 +334,7 @@ def regressor(q: ArrayLike, v: ArrayLike, a: ArrayLike) -> Array:
     c2, s2, c12 = np.cos(q2), np.sin(q2), np.cos(q1 + q2)
     first = (a1, a1 + a2, (2.0 * a1 + a2) * c2 - v2 * (2.0 * v1 + v2) * s2, np.cos(q1), c12)
     second = (0.0, a1 + a2, a1 * c2 + v1 * v1 * s2, 0.0, c12)
-    return _matrix(*first, *second)
+    return matrix_of(first, second)
 
 
 def joint_positions(arm: ArmParameters, q: ArrayLike) -> Array:
