@@ -25,8 +25,10 @@ class _InErrorCoordinates:
     _batch: Any
     _frames: Any
 
-    def _observe_errors(self, history: int, fine: Any, drive: bool) -> None:
-        """Prepare the observations and their space."""
+    def __init__(
+        self, *arguments: Any, past_actions: int = 1, history: int = 0, fine: Any = None, drive: bool = False, **options: Any
+    ) -> None:  # fmt: skip
+        super().__init__(*arguments, past_actions=past_actions, **options)  # type: ignore[call-arg]
         fine = None if fine is None else check_pair("fine", fine, above=0)
         self._errors = ErrorScales(self.interface, fine=fine, drive=check_flag("drive", drive))
         self._history = check_whole("history", history, high=10_000)
@@ -132,23 +134,9 @@ class TwoLinkArmTrackingEnv(_InErrorCoordinates, TwoLinkArmEnv):
         **options: as in `TwoLinkArmEnv`.
     """
 
-    def __init__(
-        self, scenario: Any = None, *, past_actions: int = 1, history: int = 0, fine: Any = None, drive: bool = False,
-        **options: Any,
-    ) -> None:  # fmt: skip
-        super().__init__(scenario, past_actions=past_actions, **options)
-        self._observe_errors(history, fine, drive)
-
 
 class TwoLinkArmTrackingVectorEnv(_InErrorCoordinates, TwoLinkArmVectorEnv, VectorEnv[Array, Array, Array]):
     """Arms of `TwoLinkArmTrackingEnv`, stepped together, as in `TwoLinkArmVectorEnv`.
 
     `VectorEnv` is named since skrl looks for it among the direct bases.
     """
-
-    def __init__(
-        self, num_envs: int = 1, scenario: Any = None, *, past_actions: int = 1, history: int = 0, fine: Any = None,
-        drive: bool = False, **options: Any,
-    ) -> None:  # fmt: skip
-        super().__init__(num_envs, scenario, past_actions=past_actions, **options)
-        self._observe_errors(history, fine, drive)
