@@ -135,7 +135,7 @@ class OraclePlanned(OracleElastic):
         """Return the reference of each lane's episode from its start [lanes x steps + 1 x 6]."""
         scenario = self.env.scenario.replace(plant=None)
         twin = TwoLinkArmVectorEnv(lanes, scenario, action=self.interface.action, preview=steps)
-        twin._batch.take_seeds(self.env._batch)
+        twin._batch.seed(np.arange(lanes), *map(self.env._batch.field, ("seed", "episode")))
         observation = np.empty((lanes, twin.layout.size))
         twin._batch.reset(np.arange(lanes), observation)
         return observation[:, twin.layout.reference].reshape(lanes, -1, 6)

@@ -41,7 +41,7 @@ class TrueArm:
 
         None turns the one arm of a single environment into a batch.
         """
-        return replace(self, truth=Truth(**{name: np.asarray(x)[lanes] for name, x in vars(self.truth).items()}))
+        return replace(self, truth=self.truth.of_lanes(lanes))
 
     @property
     def elastic(self) -> bool:

@@ -7,11 +7,10 @@ import numpy as np
 from gymnasium import error
 
 from fbl_gym.envs.env_common import MAX_SEED, START, TaskProperties, as_actions, check_reset_options, check_seed
-from fbl_gym.kernel.batch import Truth, single
+from fbl_gym.kernel.batch import Truth
 from fbl_gym.model.arm import Array
 
 _LANE = np.zeros(1, dtype=np.int64)
-_SHAPE = (2,)
 _ARRAY, _empty = np.ndarray, np.empty  # a look-up in NumPy takes time at each step
 
 
@@ -171,11 +170,11 @@ class TwoLinkArmEnv(TaskProperties, gym.Env[Any, Any]):
             ValueError: if the action has another shape or is not finite. The arm has not moved.
             gymnasium.error.ResetNeeded: before the first `reset` and after an episode's end.
         """
-        if type(action) is not _ARRAY or action.shape != _SHAPE:
-            action = as_actions(action, _SHAPE)
+        if type(action) is not _ARRAY or action.shape != (2,):
+            action = as_actions(action, (2,))
         action1, action2 = action.tolist()
         if type(action1) is not float:
-            action1, action2 = as_actions(action, _SHAPE).tolist()
+            action1, action2 = as_actions(action, (2,)).tolist()
         observation = _empty(self._size)
         refused, reward, terminated, truncated = self._batch.step_one(action1, action2, observation)
         if refused >= 0:
@@ -199,7 +198,7 @@ class TwoLinkArmEnv(TaskProperties, gym.Env[Any, Any]):
             gymnasium.error.ResetNeeded: before the first `reset`.
         """
         self._expect_begun("reading truth")
-        return single(self._batch.truth())
+        return self._batch.truth().of_lanes(0)
 
     def render(self) -> Any:
         """Return the frame of this instant, [size x size x 3].

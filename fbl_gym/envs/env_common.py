@@ -133,7 +133,7 @@ class TaskProperties:
         """Return an option of `reset` for all lanes, [lanes x 2] or [lanes x points x 2]."""
         array, shape, n = np.asarray(value), [2], self._batch.lanes
         if name == "reference":
-            shape = [self._batch.points, 2]
+            shape = [int(self._batch.settings["reference_points"]), 2]
             array = array[None] if array.shape == (2,) else array
             if array.ndim > 1 and 0 < (points := array.shape[-2]) < shape[0]:  # the arm stays at the last one
                 array = np.concatenate([array, np.repeat(array[..., -1:, :], shape[0] - points, axis=-2)], axis=-2)

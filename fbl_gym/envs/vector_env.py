@@ -209,8 +209,7 @@ class TwoLinkArmVectorEnv(TaskProperties, VectorEnv[Array, Array, Array]):
         views = self._shown_views()
         if not views:
             return None
-        truth = vars(self.truth)
-        lanes = (Truth(**{name: values[lane] for name, values in truth.items()}) for lane in range(self.num_envs))
+        lanes = map(self.truth.of_lanes, range(self.num_envs))
         return tuple(view.frame(lane) for view, lane in zip(views, lanes, strict=True))
 
     def _as_mask(self, mask: Any) -> Flags:

@@ -109,6 +109,10 @@ class Truth:
     rate_limit: Array
     event_times: Array
 
+    def of_lanes(self, lanes: Any) -> Truth:
+        """Return the truth of one lane of a batch, or of some; None: of a batch of this one arm."""
+        return Truth(**{name: np.asarray(values)[lanes] for name, values in vars(self).items()})
+
 
 #: Numbers in a line of the processor's cache, at which the blocks begin.
 _LINE = 8
@@ -189,20 +193,14 @@ class ArmBatch:
         """The same memory as rows, [blocks x rows x lanes of a block]."""
         return self._memory[self._parts["blocks"]].reshape(-(-self.lanes // LANES), -1, LANES)
 
-    def seed(self, lanes: NDArray[np.int64], seeds: NDArray[np.uint64] | np.uint64) -> None:
-        """Give lanes their seeds; the next episode of each lane is the first one of its seed."""
+    def seed(self, lanes: NDArray[np.int64], seeds: Any, episodes: Any = 0) -> None:
+        """Give lanes their seeds and the numbers of their next episodes; 0 is a seed's first."""
         self._blocks["seed"][lanes // LANES, lanes % LANES] = seeds
-        self._blocks["episode"][lanes // LANES, lanes % LANES] = 0
+        self._blocks["episode"][lanes // LANES, lanes % LANES] = episodes
 
     def next_episode(self, lanes: NDArray[np.int64]) -> None:
         """Let the next episode of these lanes be another one of the same seed."""
         self._blocks["episode"][lanes // LANES, lanes % LANES] += np.uint64(1)
-
-    def take_seeds(self, other: ArmBatch) -> None:
-        """Take the seeds and episodes of a batch of as many lanes."""
-        lanes = np.arange(self.lanes)
-        for name in ("seed", "episode"):
-            self._blocks[name][lanes // LANES, lanes % LANES] = other.field(name)
 
     def observations(self) -> Array:
         """Return an array for observations, [lanes x size]."""
@@ -247,11 +245,6 @@ class ArmBatch:
             return False
         self._memory[:] = state
         return True
-
-    @property
-    def points(self) -> int:
-        """Number of way-points of the reference."""
-        return int(self.settings["reference_points"])
 
     def reset(self, lanes: NDArray[np.int64], out: Array) -> None:
         """Start an episode in some lanes; write all observations to `out` [lanes x size]."""
@@ -361,8 +354,3 @@ _STORED = [
     for field in dataclasses.fields(Truth)
     if field.name not in (*(INSTANT.names or ()), "masses", "lengths", "rotor", "commands", "event_times")
 ]
-
-
-def single(truth: Truth) -> Truth:
-    """Return the truth of a batch of one lane, without the batch axis."""
-    return Truth(**{name: value[0] for name, value in vars(truth).items()})
