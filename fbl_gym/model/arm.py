@@ -158,11 +158,6 @@ class ArmParameters(Option):
         m1 = moment1 * moment1 / about1
         return ArmParameters(m1, m2, L1, L2, gravity, (moment1 / m1 / L1, moment2 / m2 / L2), 0.0, rotor)
 
-    @cached_property
-    def _numbers(self) -> tuple[float, ...]:
-        """Lumped parameters p1 to p5 and rotor inertias, in kg m^2 and N m."""
-        return *self.lumped.tolist(), *self.rotor  # type: ignore[misc]
-
     @property
     def lumped(self) -> Array:
         """Return the lumped parameters p1 to p5, [5], in kg m^2 and N m."""
@@ -240,9 +235,7 @@ def with_rotors(lumped: Array, rotor: ArrayLike) -> Array:
 
 def _lumped(arm: ArmParameters | ArrayLike) -> tuple[Any, ...]:
     """Return the lumped parameters p1 to p5, and the rotor inertias."""
-    if isinstance(arm, ArmParameters):
-        return arm._numbers
-    numbers = np.asarray(arm, dtype=float)
+    numbers = arm.base if isinstance(arm, ArmParameters) else np.asarray(arm, dtype=float)
     p = tuple(numbers[..., i] for i in range(numbers.shape[-1]))
     return p if len(p) == 7 else (*p, np.zeros(()), np.zeros(()))
 
@@ -302,26 +295,25 @@ def inverse_dynamics(arm: ArmParameters | ArrayLike, q: ArrayLike, v: ArrayLike,
     With a nominal arm and a commanded acceleration, this is the feedback linearisation mapping of
     the paper (figure 2).
     """
-    p1, p2, p3, p4, p5, r1, r2 = _lumped(arm)
-    (q1, q2), (v1, v2), (a1, a2) = map(_joints, (q, v, a))
-    m11, m12, m22 = inertia_terms(p1, p2, p3, r1, r2, np.cos(q2))
-    b1, b2 = coriolis_terms(p3, np.sin(q2), v1, v2)
-    g1, g2 = gravity_terms(p4, p5, np.cos(q1), np.cos(q1 + q2))
+    m11, m12, m22, b1, b2, g1, g2 = _terms(arm, q, v)
+    a1, a2 = _joints(a)
     return _stack(m11 * a1 + m12 * a2 + b1 + g1, m12 * a1 + m22 * a2 + b2 + g2)
 
 
 def forward_dynamics(arm: ArmParameters | ArrayLike, q: ArrayLike, v: ArrayLike, torque: ArrayLike) -> Array:
     """Return the acceleration M^-1 (torque - C v - G) [rad/s^2], [... x 2]."""
-    return _stack(*accelerations(arm, *_joints(q), *_joints(v), *_joints(torque)))
+    m11, m12, m22, b1, b2, g1, g2 = _terms(arm, q, v)
+    t1, t2 = _joints(torque)
+    return _stack(*solve_terms(m11, m12, m22, t1 - b1 - g1, t2 - b2 - g2))
 
 
-def accelerations(arm: ArmParameters | ArrayLike, q1: Any, q2: Any, v1: Any, v2: Any, t1: Any, t2: Any) -> Any:
-    """Return the accelerations of `forward_dynamics` from both joints' parts."""
+def _terms(arm: ArmParameters | ArrayLike, q: ArrayLike, v: ArrayLike) -> tuple[Any, ...]:
+    """Return the entries M11, M12 and M22, then those of C v and of G."""
     p1, p2, p3, p4, p5, r1, r2 = _lumped(arm)
-    b1, b2 = coriolis_terms(p3, np.sin(q2), v1, v2)
-    g1, g2 = gravity_terms(p4, p5, np.cos(q1), np.cos(q1 + q2))
-    m11, m12, m22 = inertia_terms(p1, p2, p3, r1, r2, np.cos(q2))
-    return solve_terms(m11, m12, m22, t1 - b1 - g1, t2 - b2 - g2)
+    (q1, q2), (v1, v2) = _joints(q), _joints(v)
+    inertia = inertia_terms(p1, p2, p3, r1, r2, np.cos(q2))
+    coriolis = coriolis_terms(p3, np.sin(q2), v1, v2)
+    return *inertia, *coriolis, *gravity_terms(p4, p5, np.cos(q1), np.cos(q1 + q2))
 
 
 def regressor(q: ArrayLike, v: ArrayLike, a: ArrayLike) -> Array:
