@@ -21,25 +21,26 @@ def record_at(_context, memory, _index, dtype):
     return record(memory, types.intp, dtype), emit
 
 
+def _view(context, builder, array_type, place, lengths):
+    """Return an array that begins at a place, row by row."""
+    view = context.make_array(array_type)(context, builder)
+    itemsize = context.get_abi_sizeof(view.data.type.pointee)
+    strides = [context.get_constant(types.intp, itemsize)]
+    for length in reversed(lengths[1:]):
+        strides.insert(0, builder.mul(strides[0], length))
+    populate_array(view, builder.bitcast(place, view.data.type), lengths, strides, itemsize, None)
+    return view._getvalue()
+
+
 @intrinsic
 def array_at(_context, memory, _index, shape, dtype):
-    """Return the array of a shape (a tuple) and type that begins at memory[_index]."""
+    """Return the array of a shape (a tuple of int64) and type that begins at memory[_index]."""
     array_type = types.Array(dtype.dtype, len(shape), "C")
 
     def emit(context, builder, signature, arguments):
         array = context.make_array(signature.args[0])(context, builder, arguments[0])
-        view = context.make_array(array_type)(context, builder)
-        pointer = builder.bitcast(builder.gep(array.data, [arguments[1]]), view.data.type)
-        itemsize = context.get_abi_sizeof(context.get_data_type(dtype.dtype))
-        lengths = [
-            context.cast(builder, length, length_type, types.intp)
-            for length, length_type in zip(cgutils.unpack_tuple(builder, arguments[2]), signature.args[2], strict=True)
-        ]
-        strides = [context.get_constant(types.intp, itemsize)]
-        for length in reversed(lengths[1:]):
-            strides.insert(0, builder.mul(strides[0], length))
-        populate_array(view, pointer, lengths, strides, itemsize, None)
-        return view._getvalue()
+        place = builder.gep(array.data, [arguments[1]])
+        return _view(context, builder, array_type, place, cgutils.unpack_tuple(builder, arguments[2]))
 
     return array_type(memory, types.intp, shape, dtype), emit
 
@@ -50,11 +51,8 @@ def numbers_at(_context, _address, _length, dtype):
     array_type = types.Array(dtype.dtype, 1, "C")
 
     def emit(context, builder, _signature, arguments):
-        view = context.make_array(array_type)(context, builder)
-        pointer = builder.inttoptr(arguments[0], view.data.type)
-        itemsize = context.get_abi_sizeof(view.data.type.pointee)
-        populate_array(view, pointer, [arguments[1]], [context.get_constant(types.intp, itemsize)], itemsize, None)
-        return view._getvalue()
+        place = builder.inttoptr(arguments[0], cgutils.voidptr_t)
+        return _view(context, builder, array_type, place, arguments[1:2])
 
     return array_type(types.int64, types.int64, dtype), emit
 
