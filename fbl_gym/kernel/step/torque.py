@@ -147,33 +147,21 @@ def disturb(block, settings, tables, width, substep):
             for joint in range(2):
                 for lane in range(width):
                     tau[time, joint, lane] = 0.0
-    if settings.disturbance_kind == layout.SINE:
-        for time in range(3):
-            _subtract_sine(block, tau[time], settings, width, substep + 0.5 * time)
-    elif settings.disturbance_kind != layout.NO_DISTURBANCE:
-        _renew(block, settings, tables, width, substep)
-        for time in range(3):
-            for joint in range(2):
-                for lane in range(width):
-                    tau[time, joint, lane] -= block.disturbance[joint, lane]
-
-
-@inline_njit
-def _sine(block, settings, lane, joint, substep):
-    """Return a sine disturbance at a time counted in physics steps."""
-    amplitude, rate = block.disturbance_amplitude[joint, lane], block.disturbance_rate[joint, lane]
-    steps = float(np.int64(block.step[lane])) * settings.substeps + substep
-    sine, _ = sincos(rate * (steps * settings.physics_dt) + block.disturbance_phase[joint, lane])
-    return amplitude * sine
+    if settings.disturbance_kind == layout.NO_DISTURBANCE:
+        return
+    for time in range(3):
+        if time == 0 or settings.disturbance_kind == layout.SINE:  # the others are constant over a physics step
+            _renew(block, settings, tables, 0, width, substep + 0.5 * time)
+        for joint in range(2):
+            for lane in range(width):
+                tau[time, joint, lane] -= block.disturbance[joint, lane]
 
 
 @inline_njit
 def _pick(block, settings, tables, lane, substep):
-    """Return the disturbance at the start of a physics step."""
+    """Return a disturbance other than a sine at the start of a physics step."""
     kind, period = settings.disturbance_kind, settings.disturbance_period
     amplitude1, amplitude2 = pair(block.disturbance_amplitude, lane)
-    if kind == layout.SINE:
-        return _sine(block, settings, lane, 0, substep), _sine(block, settings, lane, 1, substep)
     now = float(np.int64(block.step[lane])) * settings.substeps + substep
     if kind == layout.PIECEWISE_CONSTANT:
         level = np.uint64(floor(now / period))
@@ -192,27 +180,25 @@ def _pick(block, settings, tables, lane, substep):
 
 
 @kernel_njit
-def _renew(block, settings, tables, width, substep):
-    """Set the disturbance of the kinds that are constant over a physics step."""
+def _renew(block, settings, tables, first, last, substep):
+    """Set the disturbance of the lanes from `first` up to `last`, at a time in physics steps."""
+    if settings.disturbance_kind == layout.SINE:
+        for joint in range(2):
+            for lane in range(first, last):
+                amplitude, rate = block.disturbance_amplitude[joint, lane], block.disturbance_rate[joint, lane]
+                steps = float(np.int64(block.step[lane])) * settings.substeps + substep
+                sine, _ = sincos(rate * (steps * settings.physics_dt) + block.disturbance_phase[joint, lane])
+                block.disturbance[joint, lane] = amplitude * sine
+        return
     if settings.disturbance_kind == layout.PIECEWISE_CONSTANT:
         changes, period = 0, settings.disturbance_period
-        for lane in range(width):
+        for lane in range(first, last):
             now = float(np.int64(block.step[lane])) * settings.substeps + substep
             changes += floor(now / period) != floor((now - settings.substeps) / period)
         if changes == 0:  # the levels of the last step stay: a draw is slow
             return
-    for lane in range(width):
+    for lane in range(first, last):
         put(block.disturbance, lane, _pick(block, settings, tables, lane, substep))
-
-
-@kernel_njit
-def _subtract_sine(block, tau, settings, width, substep):
-    """Subtract a sine disturbance from `tau`, the torque at a time."""
-    for joint in range(2):
-        for lane in range(width):
-            torque = _sine(block, settings, lane, joint, substep)
-            tau[joint, lane] -= torque
-            block.disturbance[joint, lane] = torque
 
 
 @kernel_njit
@@ -223,4 +209,4 @@ def start_disturbance(block, settings, tables, lane):
         draw1, draw2, _, _ = uniforms(block.seed[lane], _STREAM, block.episode[lane], _ZERO, _ZERO)
         phase1, phase2 = TWO_PI * draw1, TWO_PI * draw2
     put(block.disturbance_phase, lane, (phase1, phase2))
-    put(block.disturbance, lane, _pick(block, settings, tables, lane, np.int64(0)))
+    _renew(block, settings, tables, lane, lane + 1, 0.0)
