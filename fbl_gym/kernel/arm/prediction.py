@@ -40,10 +40,8 @@ def find_accelerations(arms, q, v, torque, out):
 def find_momenta(arm, q, v, momentum, drift):
     """Write M v, and C'v - G with the skew form of C, of rows [n x 2]; the arm is [7]."""
     for i in range(len(q)):
-        v1, v2 = v[i, 0], v[i, 1]
-        m11, m12, m22 = physics.inertia_terms(arm[0], arm[1], arm[2], arm[5], arm[6], cos(q[i, 1]))
-        g1, g2 = physics.gravity_terms(arm[3], arm[4], cos(q[i, 0]), cos(q[i, 0] + q[i, 1]))
-        h = arm[2] * sin(q[i, 1])
+        m11, m12, m22, _, _, g1, g2 = _terms(arm, q[i], v[i])
+        v1, v2, h = v[i, 0], v[i, 1], arm[2] * sin(q[i, 1])
         momentum[i, 0], momentum[i, 1] = m11 * v1 + m12 * v2, m12 * v1 + m22 * v2
         drift[i, 0], drift[i, 1] = -h * v2 * v1 + h * v1 * v2 - g1, -h * (v1 + v2) * v1 - g2
 

@@ -161,8 +161,7 @@ BLOCK = np.dtype(
 INSTANT = np.dtype([("time", float), ("acceleration", float, 2), ("friction_torque", float, 2)])
 
 SETTINGS_SIZE = SETTINGS.itemsize // 8
-BLOCK_SIZE = BLOCK.itemsize // 8
-ROWS = BLOCK_SIZE // LANES
+ROWS = BLOCK.itemsize // (8 * LANES)
 
 
 def rows(field: str) -> range:

@@ -86,8 +86,7 @@ def _load(block, rows, queue, settings, tables, width, substep, real, rare):
 
 @merged_njit
 def _end_episodes(block, rows, waypoints, settings, tables, memory, first, count):
-    """Write rewards and flags, and mark the lanes that start another episode now."""
-    flags = array_at(memory, settings.flags, (2, settings.lanes), np.uint8)
+    """Mark the lanes whose episode is over, and those that start another one now."""
     for lane in range(count):
         over = block.terminated[lane] + block.truncated[lane] != 0.0
         restarts = over and settings.autoreset == layout.SAME_STEP
@@ -102,9 +101,6 @@ def _end_episodes(block, rows, waypoints, settings, tables, memory, first, count
         if restarts:
             block.episode[lane] += _ONE
             block.status[lane] = layout.RESTART
-        memory[settings.rewards + first + lane] = block.reward[lane]
-        flags[0, first + lane] = block.terminated[lane] != 0.0
-        flags[1, first + lane] = block.truncated[lane] != 0.0
 
 
 @merged_njit
@@ -115,36 +111,34 @@ def _end(block, rows, waypoints, settings, tables, memory, first, count, width, 
     readings.sense(block, rows, settings, width, real, rare, accelerate)
     update_reference(block, waypoints, settings, tables, width)
     judge(block, settings, width)
+    ended = 0
+    for lane in range(count):
+        over = block.terminated[lane] + block.truncated[lane] != 0.0
+        ended += over | (block.status[lane] != layout.RUNNING)
+    if ended > 0:
+        _end_episodes(block, rows, waypoints, settings, tables, memory, first, count)
     flags = array_at(memory, settings.flags, (2, settings.lanes), np.uint8)
-    events = 0
     for lane in range(count):
         memory[settings.rewards + first + lane] = block.reward[lane]
-        flags[0, first + lane] = flags[1, first + lane] = 0
-    for lane in range(count):
-        events += (
-            (block.terminated[lane] != 0.0) | (block.truncated[lane] != 0.0) | (block.status[lane] != layout.RUNNING)
-        )
-    if events > 0:
-        _end_episodes(block, rows, waypoints, settings, tables, memory, first, count)
+        flags[0, first + lane] = block.terminated[lane] != 0.0
+        flags[1, first + lane] = block.truncated[lane] != 0.0
 
 
 @merged_njit
 def _start(block, rows, queue, waypoints, settings, tables, width, real, rare):
     """Start an episode in the lanes marked RESTART; return True if there are some."""
-    restarts = 0
+    restarts = False
     for lane in range(width):
-        restarts += block.status[lane] == layout.RESTART
-    if restarts > 0:
-        for lane in range(width):
-            if block.status[lane] == layout.RESTART:
-                start(block, rows, queue, waypoints, settings, tables, lane)
-                if real:
-                    start_disturbance(block, settings, tables, lane)
-                if rare and settings.elastic:
-                    start_motors(block, settings, lane)
-                if rare and settings.flexible:
-                    start_bends(block, settings, lane)
-    return restarts > 0
+        if block.status[lane] == layout.RESTART:
+            restarts = True
+            start(block, rows, queue, waypoints, settings, tables, lane)
+            if real:
+                start_disturbance(block, settings, tables, lane)
+            if rare and settings.elastic:
+                start_motors(block, settings, lane)
+            if rare and settings.flexible:
+                start_bends(block, settings, lane)
+    return restarts
 
 
 def _block_step(name, real, rare, advance, accelerate):

@@ -21,10 +21,8 @@ def reference(block, waypoints, settings, tables, lane, step):
     kind, points = settings.reference_kind, settings.reference_points
     if kind == SAMPLES:
         index = settings.reference_table + 6 * min(step, points - 1)
-        return (
-            tables[index], tables[index + 1], tables[index + 2],
-            tables[index + 3], tables[index + 4], tables[index + 5],
-        )  # fmt: skip
+        sample = tables[index : index + 6]
+        return sample[0], sample[1], sample[2], sample[3], sample[4], sample[5]
     time = step * settings.control_dt
     if kind in (ONE_SINE, FOURIER):
         return _harmonics(block, waypoints, settings, tables, lane, time)

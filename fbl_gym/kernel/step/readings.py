@@ -83,7 +83,6 @@ def _disturb_reading(block, settings, width, sensor):
     for joint in range(2):
         for lane in range(width):
             measured[joint, lane] += bias[joint, lane]
-    for joint in range(2):
         quantum = settings.quantization[sensor, joint]
         if quantum > 0.0:
             for lane in range(width):
