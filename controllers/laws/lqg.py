@@ -2,13 +2,12 @@
 
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
-from typing import ClassVar
 
 import numpy as np
 from scipy.linalg import solve_discrete_are
 
-from controllers.base import Array, Gain, State, TorqueLaw, number, pair
-from controllers.paper.kalman import JointKalman, RobustState
+from controllers.base import Array, Gain, State, number, pair
+from controllers.paper.kalman import FilteredLaw, RobustState
 
 
 def plant(dt: float) -> tuple[Array, Array]:
@@ -32,7 +31,7 @@ def regulator(dt: float, integral: float, position: float, velocity: float) -> A
 
 
 @dataclass(frozen=True)
-class Lqg(TorqueLaw):
+class Lqg(FilteredLaw):
     """LQG with integral action.
 
         a = r'' + K (z, r - q, r' - v),    z = int(r - y) dt,    torque = M a + C v + G
@@ -58,23 +57,11 @@ class Lqg(TorqueLaw):
     acceleration_sigma: float = number(0.5, unit="rad/s^2", above=0)
     position_sigma: float = number(5e-3, unit="rad", above=0, tune=(1e-4, 0.1))
 
-    needs: ClassVar[tuple[str, ...]] = ("position", "acceleration")
-
     @cached_property
     def gain(self) -> Array:
         """K [2 x 3], per joint."""
         weights = zip(self.integral, self.position, self.velocity, strict=True)  # type: ignore[arg-type]
         return np.array([regulator(self.interface.control_dt, *joint) for joint in weights])
-
-    @cached_property
-    def filter(self) -> JointKalman:
-        """The Kalman filter of both joints."""
-        return JointKalman(self.interface.control_dt, self.acceleration_sigma, self.position_sigma)
-
-    def initial(self, observation: Array) -> State:
-        """Return the state before the first observation."""
-        position, velocity = self.read(observation, "position", "reference_velocity")
-        return RobustState(np.zeros_like(position), self.filter.initial(position, velocity))
 
     def torque(self, observation: Array, state: State) -> tuple[Array, State]:
         """Return the torque [n x 2] N m and the next state."""

@@ -6,7 +6,7 @@ from typing import ClassVar, NamedTuple
 
 import numpy as np
 
-from controllers.base import Array, State
+from controllers.base import Array, State, TorqueLaw
 from controllers.paper.cascade import CascadeFlm
 from fbl_gym.interface import clip
 from fbl_gym.records.record import choice, number
@@ -131,8 +131,28 @@ class JointKalman:
         return KalmanState(np.where(before, state.position, q), np.where(before, state.velocity, v), state.samples + 1)
 
 
+class FilteredLaw(TorqueLaw):
+    """Base of the laws on the estimates of a `JointKalman`, whose other state is an integral."""
+
+    acceleration_sigma: float
+    position_sigma: float
+    filtering: str = "discrete"
+
+    needs: ClassVar[tuple[str, ...]] = ("position", "acceleration")
+
+    @cached_property
+    def filter(self) -> JointKalman:
+        """The Kalman filter of both joints."""
+        return JointKalman(self.interface.control_dt, self.acceleration_sigma, self.position_sigma, self.filtering)
+
+    def initial(self, observation: Array) -> State:
+        """Return the state before the first observation."""
+        position, velocity = self.read(observation, "position", "reference_velocity")
+        return RobustState(np.zeros_like(position), self.filter.initial(position, velocity))
+
+
 @dataclass(frozen=True)
-class RobustFlm(CascadeFlm):
+class RobustFlm(FilteredLaw, CascadeFlm):
     """The paper's robust controller: the cascade on the estimates of a Kalman filter (§3).
 
         q, v = Kalman filter(position, acceleration),    torque = cascade(q, v)
@@ -152,18 +172,6 @@ class RobustFlm(CascadeFlm):
     acceleration_sigma: float = number(PAPER_SIGMA, unit="rad/s^2", above=0)
     position_sigma: float = number(PAPER_SIGMA, unit="rad", above=0, tune=(1e-4, 1.0))
     filtering: str = choice("discrete", FORMS)
-
-    needs: ClassVar[tuple[str, ...]] = ("position", "acceleration")
-
-    @cached_property
-    def filter(self) -> JointKalman:
-        """The Kalman filter of both joints."""
-        return JointKalman(self.interface.control_dt, self.acceleration_sigma, self.position_sigma, self.filtering)
-
-    def initial(self, observation: Array) -> State:
-        """Return the state before the first observation."""
-        position, velocity = self.read(observation, "position", "reference_velocity")
-        return RobustState(np.zeros_like(position), self.filter.initial(position, velocity))
 
     def torque(self, observation: Array, state: State) -> tuple[Array, State]:
         """Return the torque [n x 2] N m and the next state."""
