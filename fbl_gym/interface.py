@@ -180,14 +180,12 @@ class Interface:
     @property
     def observation_space(self) -> spaces.Box:
         """Return the box of observations, [layout.size], float64."""
-        low, high = self.layout.bounds
-        return spaces.Box(low, high, dtype=np.float64)
+        return spaces.Box(*self.layout.bounds, dtype=np.float64)
 
     @cached_property
     def torque_scale(self) -> Array:
         """Torques that count as 1, [2] N m: the limits; of a joint without a drive 1 N m."""
-        limit = (np.inf, np.inf) if self.torque_limit is None else self.torque_limit
-        return np.array([each or 1.0 for each in limit])
+        return np.array([limit or 1.0 for limit in self.torque_limit or (np.inf, np.inf)])
 
     def saturate(self, torque: Array) -> Array:
         """Return a torque [... x 2] N m within its limit."""

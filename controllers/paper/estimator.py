@@ -23,9 +23,8 @@ def estimate(y: Array, torque: Array, weakest: float) -> tuple[Array, NDArray[np
     (columns scaled to length one) exceeds `weakest`. At rest the rank is 2, and (39) would return
     nonsense.
     """
-    n = len(y)
     # At full rank the pseudo-inverse (Y'Y)^-1 Y' gives the solution of least squares.
-    lumped, rich = least_squares(y.reshape(n, -1, 5), torque.reshape(n, -1), weakest)
+    lumped, rich = least_squares(y.reshape(len(y), -1, 5), torque.reshape(len(y), -1), weakest)
     return lumped, rich & plausible(lumped)
 
 

@@ -60,8 +60,6 @@ class MuJoCoBatch(ArmBatch):
         super().__init__(program, lanes)
         self._scenario = scenario
         self._arms_change = any(self.settings[name] for name in ("has_payload", "events"))
-        self._unchanging = not (self.settings["torque_varies"] or self._arms_change)
-        self._senses_acceleration = bool(self.settings["senses_acceleration"])
         self._arms: dict[int, _Arm] = {}  # of each lane
         self._lanes = np.arange(lanes) // LANES, slice(None), np.arange(lanes) % LANES
 
@@ -86,7 +84,7 @@ class MuJoCoBatch(ArmBatch):
         memory, blocks, lanes = self._memory, self._blocks, self._lanes
         memory[self._actions] = actions.reshape(-1)
         substeps, steps = self._scenario.substeps, _plant(self._scenario).substeps
-        if self._unchanging:
+        if not (self.settings["torque_varies"] or self._arms_change):
             substeps, steps = 1, substeps * steps
         for substep in range(substeps):
             problem = api.load(memory, substep)
@@ -102,7 +100,7 @@ class MuJoCoBatch(ArmBatch):
             motions = [arm.motion for arm in self._arms.values()]
             for name in motions[0]:
                 blocks[name][lanes] = [motion[name] for motion in motions]
-        if self._senses_acceleration:
+        if self.settings["senses_acceleration"]:
             blocks["acceleration"][lanes] = self._accelerate()[0]
         api.end(memory)
         self._observe(out)
@@ -125,7 +123,7 @@ class MuJoCoBatch(ArmBatch):
         for lane in starts:
             arm = self._arms[int(lane)] = _Arm(self._scenario, models[lane])
             arm.start(*(blocks[name][lanes][lane] for name in _MOTION))
-        if self._senses_acceleration:
+        if self.settings["senses_acceleration"]:
             blocks["acceleration"][lanes] = self._accelerate()[0]
             self.sense(out)
 

@@ -58,7 +58,6 @@ class Hand:
         self._tables = np.arange(SETTINGS_SIZE, int(self._settings["actions"]))
         self._first = self._batch.read(self._tables)
         self._noise = self._batch.index("noise_std")
-        self._motion = self._batch.index("reference_position", "reference_velocity")
 
     @property
     def _step(self) -> int:
@@ -74,7 +73,7 @@ class Hand:
         index = int(self._settings["reference_table"]) + 6 * (self._step + 1)
         count = min(int(self._settings["preview"]) + 1, int(self._settings["reference_points"]) - self._step - 1)
         time = float(self._settings["control_dt"]) * np.arange(1, count + 1)[:, None]
-        position, velocity = self._batch.read(self._motion).reshape(2, 2)
+        position, velocity = (self._batch.field(f"reference_{name}")[0] for name in ("position", "velocity"))
         gap = position - target
         rate, fade = velocity + BANDWIDTH * gap, np.exp(-BANDWIDTH * time)
         left = (gap + rate * time) * fade

@@ -44,7 +44,6 @@ class Robot(ArmBatch):
         program.settings["external_physics"] = True
         super().__init__(program, 1)
         self._inputs = self.index(*self.needs, *(f"reference_{name}" for name in SENSORS))
-        self._command = self.index("command")
         layout = self.interface.layout
         self._ahead = layout["preview"] if preview else slice(0)
         self._bounds = [bound[self._ahead] for bound in layout.bounds]
@@ -78,4 +77,4 @@ class Robot(ArmBatch):
     def command(self, action: Array) -> Array:
         """Return the torque [2] N m of a finite action [2], and go on to the next control step."""
         self.pass_step(action)
-        return self.read(self._command)
+        return self.field("command")[0]

@@ -43,11 +43,7 @@ class Friction(Option):
                 "friction.law must be 'exact' with elastic joints, links that bend and in MuJoCo, got 'literal'"
             )
 
-    @property
-    def is_dry(self) -> bool:
-        """Return True unless there is viscous friction alone, which is smooth."""
-        return any(getattr(self, name) != (0.0, 0.0) for name in ("coulomb", "stiction", "load"))
-
     def pack(self, packer: Any) -> None:
-        """Write the law, if there is dry friction."""
-        packer.settings["friction_law"] = 1 + LAWS.index(self.law) if self.is_dry else 0
+        """Write the law, unless there is viscous friction alone, which is smooth."""
+        dry = any(getattr(self, name) != (0.0, 0.0) for name in ("coulomb", "stiction", "load"))
+        packer.settings["friction_law"] = 1 + LAWS.index(self.law) if dry else 0
