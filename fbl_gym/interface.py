@@ -50,15 +50,11 @@ class Slot:
 
     Args:
         name: such as "velocity".
-        start: index of the first entry.
-        size: number of entries.
         unit: of the entries; several units, joined by commas, repeat in turn, each for two entries.
-        bound: largest size of each entry, of either sign, [size] in their units.
+        bound: largest size of each entry, of either sign, in their units.
     """
 
     name: str
-    start: int
-    size: int
     unit: str
     bound: tuple[float, ...]
 
@@ -87,12 +83,13 @@ class Layout:
 
     @cached_property
     def _slices(self) -> dict[str, slice]:
-        return {slot.name: slice(slot.start, slot.start + slot.size) for slot in self.slots}
+        ends = np.cumsum([len(slot.bound) for slot in self.slots]).tolist()
+        return {slot.name: slice(end - len(slot.bound), end) for slot, end in zip(self.slots, ends, strict=True)}
 
     @cached_property
     def size(self) -> int:
         """The length of the observation."""
-        return sum(slot.size for slot in self.slots)
+        return len(self.bounds[1])
 
     @cached_property
     def reference(self) -> NDArray[np.int64]:
@@ -103,7 +100,7 @@ class Layout:
     @property
     def names(self) -> tuple[str, ...]:
         """Return the name of each entry, such as "velocity[1]" or "preview[6]"."""
-        return tuple(f"{slot.name}[{i}]" for slot in self.slots for i in range(slot.size))
+        return tuple(f"{slot.name}[{i}]" for slot in self.slots for i in range(len(slot.bound)))
 
     @cached_property
     def bounds(self) -> tuple[Array, Array]:
@@ -236,13 +233,9 @@ def make_layout(
     """
     position, velocity = (2 * limits.position,) * 2, (2 * limits.velocity,) * 2
     acceleration = (limits.acceleration,) * 2
-    motion = {"position": (position, "rad"), "velocity": (velocity, "rad/s"), "acceleration": (acceleration, "rad/s^2")}
-    parts: list[tuple[str, tuple[float, ...], str]] = [(sensor, *motion[sensor]) for sensor in sensors]
-    parts += [(f"reference_{name}", *each) for name, each in motion.items()]
-    parts.append(("previous_actions", action_limit * past_actions, action_unit))
-    parts.append(("preview", (position + velocity + acceleration) * preview, "rad, rad/s, rad/s^2"))
-    slots: list[Slot] = []
-    for name, bound, unit in parts:
-        if bound:
-            slots.append(Slot(name, sum(slot.size for slot in slots), len(bound), unit, bound))
-    return Layout(tuple(slots))
+    motion = {"position": ("rad", position), "velocity": ("rad/s", velocity), "acceleration": ("rad/s^2", acceleration)}
+    slots = [Slot(sensor, *motion[sensor]) for sensor in sensors]
+    slots += [Slot(f"reference_{name}", *each) for name, each in motion.items()]
+    slots.append(Slot("previous_actions", action_unit, action_limit * past_actions))
+    slots.append(Slot("preview", "rad, rad/s, rad/s^2", (position + velocity + acceleration) * preview))
+    return Layout(tuple(slot for slot in slots if slot.bound))

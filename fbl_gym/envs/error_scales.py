@@ -61,7 +61,7 @@ class ErrorScales:
         scales: Sequence[float] = (0.1, 1.0, 10.0), fine: Sequence[float] | None = None, drive: bool = False,
     ) -> None:  # fmt: skip
         used = {*slots, *(f"reference_{name}" for name in _MOTION)}
-        every = {slot.name: slot.start + np.arange(slot.size) for slot in interface.layout.slots if slot.name in used}
+        every = {name: np.r_[interface.layout[name]] for name in used if name in interface.layout}
         parts = []
 
         def add(entries: Any, less: Any = -1, offset: Any = 0.0, scale: Any = 1.0, bound: Any = _CLIP) -> None:
