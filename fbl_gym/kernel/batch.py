@@ -5,7 +5,6 @@ Both environments are a thin layer over this module; the single one is a batch o
 
 from __future__ import annotations
 
-import dataclasses
 from dataclasses import dataclass
 from typing import Any
 
@@ -348,9 +347,7 @@ _RECORDED: dict[str, Any] = {name: slice(2 * i, 2 * i + 2) for i, name in enumer
 
 _RECORDED_ROWS = np.concatenate([memory.rows(_RENAMED.get(name, name)) for name in (*_PAIRS, "payload")])
 
-#: Fields of `Truth` that a block has.
+#: Fields of `Truth` that a block has. Its acceleration is there for a sensor only.
 _STORED = [
-    field.name
-    for field in dataclasses.fields(Truth)
-    if field.name not in (*(INSTANT.names or ()), "masses", "lengths", "rotor", "commands", "event_times")
+    name for name in Truth.__annotations__ if _RENAMED.get(name, name) in (BLOCK.names or ()) and name != "acceleration"
 ]
