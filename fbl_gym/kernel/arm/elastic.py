@@ -56,8 +56,7 @@ def _stage(x, v, load, constants):
     (q1, q2, _, _), (v1, v2, _, _), (load1, load2, tau1, tau2) = x, v, load
     spring1, spring2, b1, b2 = turn_motors(x, v, (tau1, tau2), joint, friction, held)
     torque = spring1 + load1, spring2 + load2
-    m11, m12, m22, load1, load2 = physics.load_on_joints(lumped, (0.0, 0.0), (q1, q2), (v1, v2), torque)
-    a1, a2 = physics.solve_terms(m11, m12, m22, load1, load2)
+    a1, a2 = physics.solve_terms(*physics.load_on_joints(lumped, (0.0, 0.0), (q1, q2), (v1, v2), torque))
     return a1, a2, b1, b2
 
 

@@ -73,8 +73,7 @@ def follow(commands, torque, spans, dt, out):
 def _stage(q, v, load, constants):
     """Return the acceleration at one stage of a step."""
     lumped, rotor, (push1, push2) = constants
-    m11, m12, m22, load1, load2 = physics.load_on_joints(lumped, rotor, q, v, load)
-    a1, a2 = physics.solve_terms(m11, m12, m22, load1, load2)
+    a1, a2 = physics.solve_terms(*physics.load_on_joints(lumped, rotor, q, v, load))
     return a1 + push1, a2 + push2
 
 
