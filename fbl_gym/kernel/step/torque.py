@@ -140,13 +140,8 @@ def add_ripple(block, settings, width):
 @kernel_njit
 def disturb(block, settings, tables, width, substep):
     """Subtract the disturbance from the torque over a physics step."""
-    tau = block.tau
-    if settings.elastic:  # a disturbance loads the links, not the drives
-        tau = block.load
-        for time in range(3):
-            for joint in range(2):
-                for lane in range(width):
-                    tau[time, joint, lane] = 0.0
+    elastic = settings.elastic
+    tau = block.load if elastic else block.tau  # a disturbance of elastic joints loads the links, not the drives
     if settings.disturbance_kind == layout.NO_DISTURBANCE:
         return
     for time in range(3):
@@ -154,7 +149,8 @@ def disturb(block, settings, tables, width, substep):
             _renew(block, settings, tables, 0, width, substep + 0.5 * time)
         for joint in range(2):
             for lane in range(width):
-                tau[time, joint, lane] -= block.disturbance[joint, lane]
+                torque = 0.0 if elastic else tau[time, joint, lane]
+                tau[time, joint, lane] = torque - block.disturbance[joint, lane]
 
 
 @inline_njit
