@@ -19,7 +19,7 @@ def _load_on_motors(x, v, tau, joint, friction):
     """Return the springs' torque on the links, and the torque left to the motors' dry friction."""
     k1, k2, d1, d2, gap1, gap2, _, _ = joint
     viscous1, viscous2 = friction[0]
-    (q1, q2, th1, th2), (v1, v2, w1, w2), (tau1, tau2) = x, v, tau
+    ((q1, q2), (th1, th2)), ((v1, v2), (w1, w2)), (tau1, tau2) = x, v, tau
     spring1 = _spring(k1, d1, gap1, th1 - q1, w1 - v1)
     spring2 = _spring(k2, d2, gap2, th2 - q2, w2 - v2)
     return spring1, spring2, tau1 - spring1 - viscous1 * w1, tau2 - spring2 - viscous2 * w2
@@ -30,7 +30,7 @@ def turn_motors(x, v, tau, joint, friction, held):
     """Return the springs' torque on the links, and the acceleration of the motors, two of each.
 
     Args:
-        x: positions of links and motors.
+        x: positions of links and motors, two of each.
         v: their velocities.
         tau: torques of the drives.
         joint: stiffness, damping, half the backlash and rotor inertia, both joints of each.
@@ -39,7 +39,7 @@ def turn_motors(x, v, tau, joint, friction, held):
     """
     dry1, dry2, free1, free2, _, _ = held
     spring1, spring2, left1, left2 = _load_on_motors(x, v, tau, joint, friction)
-    return spring1, spring2, free1 * (left1 - dry1) / joint[6], free2 * (left2 - dry2) / joint[7]
+    return (spring1, spring2), (free1 * (left1 - dry1) / joint[6], free2 * (left2 - dry2) / joint[7])
 
 
 @inline_njit
@@ -47,35 +47,31 @@ def _stage(x, v, load, constants):
     """Return the accelerations of links and motors at one stage of a physics step.
 
     Args:
-        x: positions of links and motors.
+        x: positions of links and motors, two of each.
         v: their velocities.
-        load: torques on the links, then those of the drives.
+        load: torques on the links, and those of the drives.
         constants: lumped parameters of the links, then as for `turn_motors`.
     """
     lumped, joint, friction, held = constants
-    (q1, q2, _, _), (v1, v2, _, _), (load1, load2, tau1, tau2) = x, v, load
-    spring1, spring2, b1, b2 = turn_motors(x, v, (tau1, tau2), joint, friction, held)
+    (load1, load2), tau = load
+    (spring1, spring2), b = turn_motors(x, v, tau, joint, friction, held)
     torque = spring1 + load1, spring2 + load2
-    a1, a2 = physics.solve_terms(*physics.load_on_joints(lumped, (0.0, 0.0), (q1, q2), (v1, v2), torque))
-    return a1, a2, b1, b2
+    return physics.solve_terms(*physics.load_on_joints(lumped, (0.0, 0.0), x[0], v[0], torque)), b
 
 
 @inline_njit
-def moved_joints(x, h, rate):
-    """Return x + h rate."""
-    return x[0] + h * rate[0], x[1] + h * rate[1], x[2] + h * rate[2], x[3] + h * rate[3]
+def moved_both(x, h, rate):
+    """Return x + h rate of links and motors."""
+    return physics.moved(x[0], h, rate[0]), physics.moved(x[1], h, rate[1])
 
 
 @inline_njit
-def weighted_joints(a, b, c, d):
-    """Return a + 2 (b + c) + d."""
-    return (
-        a[0] + 2.0 * (b[0] + c[0]) + d[0], a[1] + 2.0 * (b[1] + c[1]) + d[1],
-        a[2] + 2.0 * (b[2] + c[2]) + d[2], a[3] + 2.0 * (b[3] + c[3]) + d[3],
-    )  # fmt: skip
+def weighted_both(a, b, c, d):
+    """Return a + 2 (b + c) + d of links and motors."""
+    return physics.weighted(a[0], b[0], c[0], d[0]), physics.weighted(a[1], b[1], c[1], d[1])
 
 
-_runge_kutta = physics.make_runge_kutta(_stage, moved_joints, weighted_joints)
+_runge_kutta = physics.make_runge_kutta(_stage, moved_both, weighted_both)
 
 
 @inline_njit
@@ -88,8 +84,8 @@ def joint_of(block, settings, lane):
 
 @inline_njit
 def both(links, motors, lane):
-    """Return a lane's constants of the links and of the motors."""
-    return links[0, lane], links[1, lane], motors[0, lane], motors[1, lane]
+    """Return a lane's numbers of the links and of the motors, two of each."""
+    return pair(links, lane), pair(motors, lane)
 
 
 @inline_njit
@@ -107,10 +103,10 @@ def _stick(h, w, load, bound, inertia):
 @inline_njit
 def hold_motors(x, v, tau, joint, friction, h):
     """Return the motors' exact friction over a physics step h, as `physics.py` does for links."""
-    _, _, left1, left2 = _load_on_motors(x, v, tau, joint, friction)
-    bound1, bound2 = physics.dry_bounds(v[2:], friction)
-    dry1, free1, moves1 = _stick(h, v[2], left1, bound1, joint[6])
-    dry2, free2, moves2 = _stick(h, v[3], left2, bound2, joint[7])
+    (_, _, left1, left2), (w1, w2) = _load_on_motors(x, v, tau, joint, friction), v[1]
+    bound1, bound2 = physics.dry_bounds(v[1], friction)
+    dry1, free1, moves1 = _stick(h, w1, left1, bound1, joint[6])
+    dry2, free2, moves2 = _stick(h, w2, left2, bound2, joint[7])
     return dry1, dry2, free1, free2, moves1, moves2
 
 
@@ -121,13 +117,13 @@ def _advance(block, settings, lane):
     x = both(block.position, block.motor_position, lane)
     v = both(block.velocity, block.motor_velocity, lane)
     held = hold_motors(x, v, pair(block.tau[0], lane), joint, friction, h)
-    (q1, q2, th1, th2), (v1, v2, w1, w2) = _runge_kutta(
+    (q, th), (v, (w1, w2)) = _runge_kutta(
         h, x, v, both(block.load[0], block.tau[0], lane), both(block.load[1], block.tau[1], lane),
         both(block.load[2], block.tau[2], lane), (physics.lumped_of(block, lane), joint, friction, held),
     )  # fmt: skip
-    put(block.position, lane, (q1, q2))
-    put(block.velocity, lane, (v1, v2))
-    put(block.motor_position, lane, (th1, th2))
+    put(block.position, lane, q)
+    put(block.velocity, lane, v)
+    put(block.motor_position, lane, th)
     put(block.motor_velocity, lane, (w1 if held[4] != 0.0 else 0.0, w2 if held[5] != 0.0 else 0.0))
 
 
@@ -139,17 +135,17 @@ def elastic_acceleration_and_friction(block, settings, lane):
     """Return the links' acceleration now, and the friction torque of the motors, two of each."""
     x = both(block.position, block.motor_position, lane)
     v = both(block.velocity, block.motor_velocity, lane)
-    (tau1, tau2), (push1, push2) = pair(block.torque, lane), pair(block.disturbance, lane)
+    tau, (push1, push2) = pair(block.torque, lane), pair(block.disturbance, lane)
     joint, friction = joint_of(block, settings, lane), physics.friction_of(block, lane)
     constants = physics.lumped_of(block, lane), joint, friction, physics.FREE
-    a1, a2, b1, b2 = _stage(x, v, (-push1, -push2, tau1, tau2), constants)
-    return a1, a2, *motor_friction(v[2:], b1, b2, joint, friction)
+    a, b = _stage(x, v, ((-push1, -push2), tau), constants)
+    return *a, *motor_friction(v[1], b, joint, friction)
 
 
 @inline_njit
-def motor_friction(w, b1, b2, joint, friction):
+def motor_friction(w, b, joint, friction):
     """Return the motors' friction torque from their velocities, and accelerations without it."""
-    (w1, w2), (bound1, bound2) = w, physics.dry_bounds(w, friction)
+    (w1, w2), (b1, b2), (bound1, bound2) = w, b, physics.dry_bounds(w, friction)
     # A turning motor has its friction; one at rest has the torque that holds it, up to breakaway.
     dry1 = bound1 * sign(w1) if w1 != 0.0 else clip(joint[6] * b1, bound1)
     dry2 = bound2 * sign(w2) if w2 != 0.0 else clip(joint[7] * b2, bound2)

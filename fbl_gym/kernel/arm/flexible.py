@@ -89,34 +89,34 @@ def _stage(x, v, load, constants):
     Args:
         x: angles of joints and motors, and of hinges. With rigid joints, the motors are not used.
         v: their velocities.
-        load: torques on the links, then those of the drives.
+        load: torques on the links, and those of the drives.
         constants: of the links, and as for `elastic.turn_motors`; True if the joints are elastic.
     """
     links, joint, friction, held, springs = constants
-    (x, b), (v, u), (load1, load2, tau1, tau2) = x, v, load
+    (x, b), (v, u), ((load1, load2), (tau1, tau2)) = x, v, load
     dry1, dry2, free1, free2, _, _ = held
     if springs:
-        pull1, pull2, th1, th2 = elastic.turn_motors(x, v, (tau1, tau2), joint, friction, held)
+        (pull1, pull2), motors = elastic.turn_motors(x, v, (tau1, tau2), joint, friction, held)
         rotor, free1, free2 = (0.0, 0.0), 1.0, 1.0
     else:
-        pull1, pull2 = tau1 - friction[0][0] * v[0] - dry1, tau2 - friction[0][1] * v[1] - dry2
-        rotor, th1, th2 = joint[6:], 0.0, 0.0
+        pull1, pull2 = tau1 - friction[0][0] * v[0][0] - dry1, tau2 - friction[0][1] * v[0][1] - dry2
+        rotor, motors = joint[6:], (0.0, 0.0)
     torque = load1 + pull1, load2 + pull2
-    (s11, s12, s22), (load1, load2), eliminated = _load_on_joints(links, rotor, x[:2], b, v[:2], u, torque)
-    a1, a2 = solve_terms(s11, s12 * (free1 * free2), s22, free1 * load1, free2 * load2)
-    return (a1, a2, th1, th2), bend_terms(eliminated, a1, a2)
+    (s11, s12, s22), (load1, load2), eliminated = _load_on_joints(links, rotor, x[0], b, v[0], u, torque)
+    a = solve_terms(s11, s12 * (free1 * free2), s22, free1 * load1, free2 * load2)
+    return (a, motors), bend_terms(eliminated, *a)
 
 
 @inline_njit
 def _moved(x, h, rate):
     """Return x + h rate."""
-    return elastic.moved_joints(x[0], h, rate[0]), moved(x[1], h, rate[1])
+    return elastic.moved_both(x[0], h, rate[0]), moved(x[1], h, rate[1])
 
 
 @inline_njit
 def _weighted(a, b, c, d):
     """Return a + 2 (b + c) + d."""
-    return elastic.weighted_joints(a[0], b[0], c[0], d[0]), weighted(a[1], b[1], c[1], d[1])
+    return elastic.weighted_both(a[0], b[0], c[0], d[0]), weighted(a[1], b[1], c[1], d[1])
 
 
 _runge_kutta = make_runge_kutta(_stage, _moved, _weighted)
@@ -131,20 +131,20 @@ def _advance(block, settings, lane, springs):
     if springs:
         held = elastic.hold_motors(x, v, (tau1, tau2), joint, friction, h)
     else:
-        left = tau1 - friction[0][0] * v[0], tau2 - friction[0][1] * v[1]
-        inertia, load, _ = _load_on_joints(links, joint[6:], x[:2], b, v[:2], u, left)
-        held = hold(h, v[:2], inertia, load, friction)
-    ((q1, q2, th1, th2), b), ((v1, v2, w1, w2), u) = _runge_kutta(
+        left = tau1 - friction[0][0] * v[0][0], tau2 - friction[0][1] * v[0][1]
+        inertia, load, _ = _load_on_joints(links, joint[6:], x[0], b, v[0], u, left)
+        held = hold(h, v[0], inertia, load, friction)
+    ((q, th), b), (((v1, v2), (w1, w2)), u) = _runge_kutta(
         h, (x, b), (v, u), elastic.both(block.load[0], block.tau[0], lane), elastic.both(block.load[1], block.tau[1], lane),
         elastic.both(block.load[2], block.tau[2], lane), (links, joint, friction, held, springs),
     )  # fmt: skip
     moves1, moves2 = held[4] != 0.0, held[5] != 0.0
     if springs:
-        put(block.motor_position, lane, (th1, th2))
+        put(block.motor_position, lane, th)
         put(block.motor_velocity, lane, (w1 if moves1 else 0.0, w2 if moves2 else 0.0))
     else:
         v1, v2 = v1 if moves1 else 0.0, v2 if moves2 else 0.0
-    put(block.position, lane, (q1, q2))
+    put(block.position, lane, q)
     put(block.velocity, lane, (v1, v2))
     put(block.bend, lane, b)
     put(block.bend_velocity, lane, u)
@@ -169,13 +169,12 @@ def flexible_acceleration_and_friction(block, settings, lane):
     joint, friction = elastic.joint_of(block, settings, lane), friction_of(block, lane)
     (tau1, tau2), (push1, push2) = pair(block.torque, lane), pair(block.disturbance, lane)
     if settings.elastic:
-        load = -push1, -push2, tau1, tau2
-        constants = links, joint, friction, FREE, True
-        (a1, a2, w1, w2), _ = _stage((x, b), (v, u), load, constants)
-        return a1, a2, *elastic.motor_friction(v[2:], w1, w2, joint, friction)
+        load = (-push1, -push2), (tau1, tau2)
+        (a, motors), _ = _stage((x, b), (v, u), load, (links, joint, friction, FREE, True))
+        return *a, *elastic.motor_friction(v[1], motors, joint, friction)
     torque = tau1 - push1, tau2 - push2
-    inertia, load, _ = _load_on_joints(links, joint[6:], x[:2], b, v[:2], u, torque)
-    return rub(inertia, load, v[:2], friction, EXACT_FRICTION)
+    inertia, load, _ = _load_on_joints(links, joint[6:], x[0], b, v[0], u, torque)
+    return rub(inertia, load, v[0], friction, EXACT_FRICTION)
 
 
 @kernel_njit
@@ -229,8 +228,8 @@ def start_bends(block, settings, lane):
 @inline_njit
 def chain_momentum(block, settings, lane, rotor):
     """Return the momentum of joints and hinges of a lane [N m s]."""
-    (x, b), ((v1, v2, _, _), (u1, u2)) = _state(block, lane)
-    (Mqq, Mqb, Mbb, _), _ = _inertia(_links_of(block, settings, lane), x[:2], b)
+    (x, b), (((v1, v2), _), (u1, u2)) = _state(block, lane)
+    (Mqq, Mqb, Mbb, _), _ = _inertia(_links_of(block, settings, lane), x[0], b)
     (m11, m13, m33), (m12, m14, m23, m34), (m22, m24, m44) = Mqq, Mqb, Mbb
     return (
         (m11 + rotor[0]) * v1 + m13 * v2 + m12 * u1 + m14 * u2, m13 * v1 + (m33 + rotor[1]) * v2 + m23 * u1 + m34 * u2,
@@ -242,7 +241,7 @@ def chain_momentum(block, settings, lane, rotor):
 def chain_velocity(block, settings, lane, rotor, momentum):
     """Return the velocities of joints and hinges of a lane with a momentum [rad/s]."""
     ((x, b), _), (p1, p2, p3, p4) = _state(block, lane), momentum
-    ((m11, m13, m33), Mqb, Mbb, _), _ = _inertia(_links_of(block, settings, lane), x[:2], b)
+    ((m11, m13, m33), Mqb, Mbb, _), _ = _inertia(_links_of(block, settings, lane), x[0], b)
     Mqq = m11 + rotor[0], m13, m33 + rotor[1]
     (s11, s12, s22), (left1, left2), eliminated = reduce_terms(Mqq, Mqb, Mbb, (p1, p2), (p3, p4))
     v1, v2 = solve_terms(s11, s12, s22, left1, left2)

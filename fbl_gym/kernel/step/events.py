@@ -104,6 +104,6 @@ def _apply(block, settings, lane, kind, size1, size2):
             torque[1, lane] *= size2
     elif kind == KNOCK:
         change1, change2, change3, change4 = _velocity(block, settings, lane, (size1, size2, 0.0, 0.0))
-        v1, v2, u1, u2 = both(block.velocity, block.bend_velocity, lane)
+        (v1, v2), (u1, u2) = both(block.velocity, block.bend_velocity, lane)
         put(block.velocity, lane, (v1 + change1, v2 + change2))
         put(block.bend_velocity, lane, (u1 + change3, u2 + change4))
