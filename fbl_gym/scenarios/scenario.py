@@ -36,9 +36,7 @@ def as_arm(name: str, value: Any) -> ArmParameters:
 
 
 def _actuator(name: str, value: Any) -> Actuator:
-    if value is None:
-        return Actuator(torque_limit=None)
-    return build(name, value, Actuator, scalar="torque_limit")
+    return build(name, value, Actuator, scalar="torque_limit")  # None is that of the torque limit
 
 
 #: Largest physics step, times the fastest rate of joints and links. A vibration of that rate then
