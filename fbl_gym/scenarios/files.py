@@ -58,7 +58,7 @@ def split(text: str) -> tuple[str, str, str]:
 def read_toml(path: Path) -> dict[str, Any]:
     """Return the content of a TOML file."""
     try:
-        return tomllib.loads(read_text(path))
+        return tomllib.loads(read_text(path).removeprefix("\ufeff"))  # which Notepad begins a file with
     except (tomllib.TOMLDecodeError, RecursionError) as problem:
         raise ValueError(f"{path} is no TOML: {problem}") from None
 

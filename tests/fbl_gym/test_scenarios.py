@@ -137,7 +137,7 @@ def test_environments_and_suites_take_files(folder):
 
 
 def test_a_world_moves_the_arm_of_a_file(folder):
-    (folder / "rigid.toml").write_text('base = "noise-1"')
+    (folder / "rigid.toml").write_text('\ufeffbase = "noise-1"')  # as Notepad writes UTF-8
     assert scenarios.get(f"{folder}/rigid.toml@mujoco").plant is not None
 
 
