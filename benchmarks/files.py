@@ -21,6 +21,9 @@ def replacing(path: Path) -> Iterator[Path]:
         with beside.open("rb+") as file:
             os.fsync(file.fileno())
         beside.replace(path)
+    except OSError as problem:
+        problem.filename = problem.filename or str(path)  # that of a full disk names no file
+        raise
     finally:
         beside.unlink(missing_ok=True)
 

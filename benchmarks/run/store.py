@@ -84,6 +84,12 @@ class Store:
 
     folder: Path
 
+    def __post_init__(self) -> None:
+        folder = self.folder.absolute()
+        first = next(path for path in (folder, *folder.parents) if os.path.lexists(path))
+        if not first.is_dir():
+            raise ValueError(f"store must be a folder, or the path of a new one, got {self.folder}: {first} is none")
+
     def path(self, cell: Cell) -> Path:
         """Return the file of a cell's result."""
         name = re.sub(r"[^\w@.-]+", "_", f"{cell.policy.name}--{cell.scenario.name}")[-120:]
