@@ -157,9 +157,10 @@ def _server() -> tuple[socket.socket, "subprocess.Popen[bytes]"]:
     if os.getpid() not in _SERVERS or _SERVERS[os.getpid()][1].poll() is not None:
         ours, its = socket.socketpair()
         with its:
-            one = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"), "1")  # threads do not survive a fork
+            # Threads do not survive a fork; the order of a set must be the same in each run.
+            fixed = {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1", "PYTHONHASHSEED": "0"}
             process = subprocess.Popen(
-                _command(str(its.fileno())), stdin=subprocess.DEVNULL, env=os.environ | one, pass_fds=(its.fileno(),),
+                _command(str(its.fileno())), stdin=subprocess.DEVNULL, env=os.environ | fixed, pass_fds=(its.fileno(),),
                 start_new_session=True,
             )  # fmt: skip
         _SERVERS[os.getpid()] = ours, process

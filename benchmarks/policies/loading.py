@@ -21,6 +21,7 @@ from benchmarks.policies.key import PACKAGES, place
 from controllers import registry
 from controllers.composition import compose
 from controllers.name import PolicyName
+from fbl_gym.neighbours import ROOT
 from fbl_gym.records.checks import unknown
 
 #: The factory in a file or module where no attribute is named.
@@ -60,7 +61,10 @@ def load(name: PolicyName) -> Callable[..., Any]:
         search = f"`fbl-gym tune {name.law} --class CLASS` finds some, for {name.law}@results/gains"
         raise NotFound(f"{name.law} has no gains that come with fbl-gym: {search}")
     if name.form in ("archive", "file") and not path.is_file():
-        raise NotFound(f"policy must name a file that exists, but there is no file {path}")
+        raise NotFound(f"policy must name a file that exists, but there is no file {path}, from {Path.cwd()}")
+    if name.form == "file" and place(str(path.resolve())) == "ours":
+        module = ".".join(path.resolve().relative_to(ROOT).with_suffix("").parts)
+        raise NotFound(f"policy must be a module where it is one of fbl-gym, {module}:CLASS, got the file {path}")
     if name.form in ("archive", "file", "module") and name.origin and not name.trusted:
         raise Untrusted(f"{name.origin} names {name}, whose code would be run; {vouch.format('it')}")
     if name.form == "archive" and not name.trusted:

@@ -117,7 +117,10 @@ class PolicySpec:
         now = {"shared code": key.shared(), **key.digests(self.files)}
         if changed := [name or self.parsed.source for name in was if was[name] != now.get(name)]:
             raise Changed(f"{' and '.join(changed)} of {self.name} changed since it was resolved; run it again")
-        return load(self.parsed)
+        factory = load(self.parsed)
+        if not self.code:
+            raise Changed(f"{self.name} could not be read when it was resolved; run it again")
+        return factory
 
     def call(self, function: Callable[..., Answer], *arguments: Any, limits: CallLimits | None = None) -> Answer:
         """Call a function that makes the policy; in a fresh process, if external code may run.
@@ -240,7 +243,7 @@ def _declared(name: PolicyName, factory: Callable[..., Any]) -> dict[str, Any]:
     try:
         registry.check_gains(name, factory)
         for what, given in lists.items():
-            if isinstance(given, str) or not all(isinstance(item, str | os.PathLike) for item in given):
+            if not isinstance(given, list | tuple) or not all(isinstance(item, str | os.PathLike) for item in given):
                 raise ValueError(f"{what} of {name} must be a list of text, got {given!r}")
         return {
             "kind": check_choice(f"kind of {name}", kind, registry.KINDS),

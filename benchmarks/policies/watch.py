@@ -5,11 +5,13 @@ while it is imported. Files of Python, of installed packages and of the system a
 files that only are written.
 """
 
+import contextlib
 import functools
 import importlib.util
 import os
 import re
 import sys
+import threading
 from pathlib import Path
 from types import FrameType
 from typing import Any
@@ -20,16 +22,15 @@ from fbl_gym.neighbours import ROOT
 
 VARIABLE = "environ"
 
-#: Events that only count where the policy's code itself asks.
-DIRECT = ("ctypes.dlopen", VARIABLE)
-
 PROCESS = ("os.exec", "os.fork", "os.posix_spawn", "os.spawn", "os.startfile", "os.system", "subprocess.Popen")
 #: Events that no key can cover.
 NETWORK = ("socket.bind", "socket.connect", "socket.getaddrinfo", "socket.gethostbyname")
 
-EVENTS = {"open", "import", "sqlite3.connect", *DIRECT, *PROCESS, *NETWORK}
+LISTING = ("os.listdir", "os.scandir")
 
-_SYSTEM = ("/dev/", "/etc/", "/lib", "/proc/", "/sys/", "/usr/")
+EVENTS = {"open", "import", "sqlite3.connect", "ctypes.dlopen", VARIABLE, *LISTING, *PROCESS, *NETWORK}
+
+_SYSTEM = ("/dev/null", "/dev/random", "/dev/urandom", "/etc/", "/lib", "/proc/", "/sys/", "/usr/")
 
 
 class Watch:
@@ -47,7 +48,8 @@ class Watch:
         self._home = Path(next(iter(policy.files.values()), ".")).parent
         # Warnings and tracebacks read the sources of modules that are loaded.
         loaded = {str(getattr(module, "__file__", None)) for module in [*sys.modules.values()]}
-        self._free = policy.covered | {file for file in loaded if place(file) == ""}
+        folders = {str(folder) for file in policy.data for folder in Path(policy.files.get(file, "")).parents}
+        self._free = policy.covered | folders | {file for file in loaded if place(file) == ""}
         # The policy of an installed package: its folder in site-packages is not free for it.
         installed = (re.match(r".*[/\\](site|dist)-packages[/\\][^/\\]+", file) for file in self._free)
         self._own = tuple(match[0] for match in installed if match and place(match.string) == "installed")
@@ -62,16 +64,19 @@ class Watch:
 
     def note(self, event: str, arguments: tuple[Any, ...], frame: FrameType) -> None:
         """Note an event, if code of the policy causes it."""
-        if not self._is_cause(frame, event in DIRECT):
+        given = arguments[event == "import"] if arguments else None
+        of_system = event == "ctypes.dlopen" and not os.path.dirname(os.fspath(given or ""))
+        if not self._is_cause(frame, of_system or event in (VARIABLE, *LISTING)):
+            return
+        if event in LISTING and "importlib" in frame.f_code.co_filename:  # it looks for a module
             return
         if event in (*PROCESS, *NETWORK):
             what = "starts a process" if event in PROCESS else "uses the network"
             self.seen[f"it {what}, and no key follows the answer"] = None
             return
-        given = arguments[1 if event == "import" else 0]
         if event == VARIABLE:
             self.seen[f"it reads the environment variable {given}: make that a gain"] = None
-        elif event == "ctypes.dlopen" and not os.path.dirname(os.fspath(given or "")):
+        elif of_system:
             self.seen["it calls a library of the system by ctypes, which may read files unseen"] = None
         elif isinstance(given, str | bytes | os.PathLike):
             self._note_file(os.path.realpath(os.fsdecode(given)), arguments[2] if event == "open" else 0)
@@ -79,15 +84,18 @@ class Watch:
     def _is_cause(self, frame: FrameType | None, direct: bool) -> bool:
         """Return True if the policy's code is on the stack; `direct`: as the caller itself."""
         while frame is not None:
-            file, where = frame.f_code.co_filename, place(frame.f_code.co_filename)
+            file = frame.f_code.co_filename
+            if file.startswith("<") and not file.startswith("<frozen") and frame.f_back:  # made of a text, by exec
+                file = str(frame.f_globals.get("__file__", ""))
+            where = place(file)
             own = where == "" or file.startswith(self._own)
             if where != "standard" and (direct or own or frame.f_code.co_name == "<module>"):
                 return own
             frame = frame.f_back
-        return False
+        return threading.get_ident() != threading.main_thread().ident  # a function of a library, which it gave a thread
 
     def _note_file(self, path: str, flags: int) -> None:
-        if path.endswith(".pyc"):
+        with contextlib.suppress(ValueError):  # it is no cache of a module's code
             path = importlib.util.source_from_cache(path)
         if flags & (os.O_TRUNC | os.O_EXCL):
             self._free.add(path)  # what it writes itself, it may read
@@ -127,4 +135,6 @@ class _Environment(dict[Any, Any]):
 @functools.cache
 def _install() -> None:
     sys.addaudithook(_hook)
-    os.environ._data = _Environment(os.environ._data)  # type: ignore[attr-defined]
+    variables = _Environment(os.environ._data)  # type: ignore[attr-defined]
+    for each in (os.environ, getattr(os, "environb", os.environ)):  # Windows has no bytes
+        each._data = variables  # type: ignore[union-attr]

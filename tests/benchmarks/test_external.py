@@ -3,7 +3,9 @@
 import contextlib
 import os
 import pickle
+import py_compile
 import re
+import shutil
 import subprocess
 import sys
 import time
@@ -173,6 +175,13 @@ def test_a_call_stays_in_its_group_and_shows_the_first_of_its_prints(capfd):
     assert re.fullmatch(r"\\u001b\[2Jx{9000,20000} \.\.\.\n", capfd.readouterr().err)
 
 
+def test_the_order_of_a_set_is_the_same_in_each_run():
+    shown = subprocess.check_output(
+        [sys.executable, "-c", "print(hash('kp'))"], env=os.environ | {"PYTHONHASHSEED": "0"}
+    )
+    assert run_isolated(hash, "kp") == int(shown)
+
+
 def start_and_hang():
     """Start a process that holds all pipes and never ends, as a careless policy may."""
     os.fork()
@@ -233,13 +242,14 @@ def test_no_standard_module_is_imported_from_the_current_folder(tmp_path):
 
 PROLOGUE = """
 import importlib, json, os, random, subprocess, time, zipfile
+from concurrent import futures
 from pathlib import Path
 from typing import NamedTuple
 import controllers
 import numpy as np
 from controllers.laws.simple import PdGravity
 
-HERE, calls = Path(__file__).parent, []
+HERE, BORN, calls = Path(__file__).parent, time.time(), []
 
 class State(NamedTuple):
     steps: np.ndarray
@@ -264,11 +274,31 @@ def test_the_board_runs_no_law_whose_number_depends_on_more_than_its_key(promise
     late, *named = law
     (tmp_path / "k.txt").write_text("0.5")
     (tmp_path / "helper.py").write_text("K = 0.5")
+    py_compile.compile(str(tmp_path / "helper.py"), str(tmp_path / "compiled.pyc"))
+    (tmp_path / "names" / "one").mkdir(parents=True)
+    shutil.copy(np.random.bit_generator.__file__, tmp_path / "k.so")
     with zipfile.ZipFile(tmp_path / "k.zip", "w") as archive:
         archive.writestr("k", "0.5")
     (tmp_path / "law.py").write_text(PROLOGUE.format(late=late))
     error = run_cell(Cell(str(tmp_path / "law.py"), "nominal", (0,))).error
     assert all(text in error for text in ("breaks a promise", promise, *named)), error
+
+
+FAILS_ONCE = """
+from pathlib import Path
+from controllers.laws.simple import Zero as make_policy
+if not (flag := Path(__file__).with_name("flag")).exists():
+    flag.touch()
+    raise RuntimeError
+"""
+
+
+def test_a_law_that_failed_when_it_was_resolved_has_no_number(tmp_path):
+    """Its key would lack its code."""
+    (tmp_path / "law.py").write_text(FAILS_ONCE)
+    errors = [run_cell(Cell(str(tmp_path / "law.py"), "nominal", (0,))).error for _ in range(2)]
+    assert "law.py could not be read when it was resolved; run it again" in errors[0]
+    assert errors[1] == ""
 
 
 DECLARED = """

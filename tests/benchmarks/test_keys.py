@@ -90,7 +90,7 @@ def test_the_key_follows_the_package_of_an_external_policy(folder, tmp_path, mon
     assert [cell.policy.external for cell in before] == [True, True, False]
     (tmp_path / folder / "external_laws/k.txt").write_text("0.5")
     reads = "    def initial(self, observation):\n        return open(__file__.replace('law.py', '../k.txt')) and ()\n"
-    tree(tmp_path / folder, {"external_laws/part/law": SUBCLASS + reads})
+    tree(tmp_path / folder, {"external_laws/part/law": f"exec({SUBCLASS + reads!r})"})
     assert "k.txt, which its key does not cover" in run_cell(Cell("theirs", "nominal", (0,))).error
 
 
@@ -98,7 +98,7 @@ def test_the_key_follows_the_package_of_an_external_policy(folder, tmp_path, mon
     ("kind = 'foo'", "kind"), ("access = 'all'", "access"), ("preview = 'far'", "must be a finite number not below 0"),
     *[(f"preview = float('{x}')", "preview of ") for x in ("nan", "1e9")],
     *[(f"data_files = ('{x}',)", f"must exist, but there is no file '{x}'") for x in ("K.txt", "weights/*.bin")],
-    ("data_files = (1,)", "data_files of"), ("data_files = 'gain.txt'", "data_files of"),
+    *[(f"data_files = {x}", "must be a list of text") for x in ("iter('a')", "(1,)", "'gain.txt'")],
 ])  # fmt: skip
 def test_a_wrong_declaration_is_a_failed_cell(declares, error, tmp_path):
     (tmp_path / "law.py").write_text(f"{SUBCLASS}    access = 'oracle'\n    {declares}\n")
@@ -175,6 +175,8 @@ def test_a_name_of_the_package_wins_over_a_folder_of_that_name(folder):
     assert [(spec.access, spec.external) for spec in specs] == expected
     with pytest.raises(ValueError, match=r"policy 'mine'; the folder of that name is named by its path, ./mine"):
         resolve("mine")
+    with pytest.raises(ValueError, match=r"must be a module .*, controllers.laws.simple:CLASS, got the file"):
+        resolve(str(ROOT / "controllers" / "laws" / "simple.py"))
 
 
 IMPORTS = """
