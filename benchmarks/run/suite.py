@@ -1,7 +1,7 @@
 """Suites as data: which policies on which scenarios with how many seeds."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
 from typing import Any
@@ -33,12 +33,14 @@ class Suite:
         policies: their specifications, or the texts that name them.
         scenarios: the tasks.
         seeds: how many of the test seeds, from 0 on.
+        short: names of the scenarios of its short form.
     """
 
     name: str
     policies: tuple[PolicyLike, ...]
     scenarios: tuple[Scenario, ...]
-    seeds: int
+    seeds: int = 32
+    short: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         set_fields(
@@ -52,34 +54,10 @@ class Suite:
         policies, seeds = [*map(resolve, self.policies)], tuple(SPLITS["test"][: self.seeds])
         return [Cell(policy, task, seeds) for task in self.scenarios for policy in policies]
 
-
-@dataclass(frozen=True)
-class SuiteSpec:
-    """A suite as data. Nothing is built before `build`.
-
-    Args:
-        name: of the suite.
-        policies: their names.
-        tasks: scenarios, and names of scenarios, families and files.
-        seeds: how many of the test seeds.
-        short: names of the scenarios of its short form.
-    """
-
-    name: str
-    policies: tuple[str | PolicyName, ...]
-    tasks: tuple[Any, ...]
-    seeds: int = 32
-    short: tuple[str, ...] = ()
-
-    @property
-    def scenarios(self) -> tuple[Scenario, ...]:
-        """The scenarios of its tasks."""
-        return expand(self.tasks)
-
     def build(
         self, policies: Sequence[PolicyLike] = (), tasks: Sequence[str | Mapping[str, Any] | Scenario] = (),
         seeds: int | None = None, *, short: bool = False, more: Sequence[PolicyLike] = (), limits: CallLimits | None = None,
-    ) -> Suite:  # fmt: skip
+    ) -> "Suite":  # fmt: skip
         """Return the suite of a board: with the `members` of its policies.
 
         Args:
@@ -93,7 +71,7 @@ class SuiteSpec:
         chosen = expand(tasks or (self.short if short else ())) or self.scenarios
         seeds = SHORT_SEEDS if short and seeds is None else seeds
         specs = members((*(policies or self.policies), *more), limits, short=short)
-        return Suite(self.name, specs, chosen, self.seeds if seeds is None else seeds)
+        return replace(self, policies=specs, scenarios=chosen, seeds=self.seeds if seeds is None else seeds)
 
 
 #: Seeds of a suite's short form.
@@ -115,7 +93,7 @@ SUITES = {
 } | {"ideal": "every policy, tuned where it can be, on the paper's assumptions at severity 2, 32 seeds"}
 
 
-def _built_in(name: str) -> SuiteSpec:
+def _built_in(name: str) -> Suite:
     """Return one of `SUITES`; that of a class of robots has the class's tuned gains."""
     of_class = name in CLASSES
     # oracle-planned only differs from oracle-elastic where drives reach their limits.
@@ -129,10 +107,10 @@ def _built_in(name: str) -> SuiteSpec:
     tiers = (name, f"{name}-surprise") if of_class else (name,)
     tasks = tuple(task for tier in tiers for task in scenarios.in_tier(tier, (2,)))
     short = tuple(f"{name}-{family}" for family in ("nominal", "everything-2", "surprise-payload"))
-    return SuiteSpec(name, policies, tasks, short=short if of_class else ())
+    return Suite(name, policies, expand(tasks), short=short if of_class else ())
 
 
-def load(name: str, trust: bool = False) -> SuiteSpec:
+def load(name: str, trust: bool = False) -> Suite:
     """Return a suite by name, or from a TOML file.
 
     Args:
@@ -157,4 +135,4 @@ def load(name: str, trust: bool = False) -> SuiteSpec:
         from_table(task, path) if isinstance(task, dict) else str(path.parent / task) if split_file(task)[0] else task
         for task in tasks
     )
-    return SuiteSpec(path.stem, given, built, data.get("seeds", 64))
+    return Suite(path.stem, given, expand(built), data.get("seeds", 64))
