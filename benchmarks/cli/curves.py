@@ -39,15 +39,14 @@ class Group:
         """Return the last value of an axis, "steps" or "cpu_s", of each run."""
         return np.array([run[axis][-1] for run in self.runs])
 
-    def errors(self, axis: str, points: Array) -> Array:
-        """Return the validation error of each run's best agent so far [runs x points, mrad]."""
-        places = [np.searchsorted(run[axis], points, side="right") - 1 for run in self.runs]
-        return np.array([run["best"][np.maximum(k, 0)] for run, k in zip(self.runs, places, strict=True)])
-
     def estimate(self, axis: str, points: Array) -> Estimate:
-        """Return the geometric mean of the errors over the runs, with its 95 % interval."""
-        errors = self.errors(axis, points).T[:, None]
-        return interval(geometric_mean(errors, resample(len(self.runs), 0)))
+        """Return the validation error of the best agent so far at points of an axis [mrad].
+
+        It is the geometric mean over the runs, with its 95 % interval.
+        """
+        places = [np.searchsorted(run[axis], points, side="right") - 1 for run in self.runs]
+        errors = np.array([run["best"][np.maximum(k, 0)] for run, k in zip(self.runs, places, strict=True)])
+        return interval(geometric_mean(errors.T[:, None], resample(len(self.runs), 0)))
 
 
 def read_groups(folders: Sequence[Path]) -> tuple[Group, ...]:

@@ -11,7 +11,6 @@ from benchmarks.policies.spec import resolve
 from benchmarks.report.plot import Line, Panel, plot_lines
 from benchmarks.report.terminal import show
 from benchmarks.run.linearize import margins_as_data
-from benchmarks.run.loop import Margins
 from benchmarks.text import say
 from fbl_gym import scenarios
 
@@ -25,12 +24,12 @@ def run(arguments: argparse.Namespace) -> int:
     for policy in arguments.policies:
         spec = resolve(policy)
         try:
-            fields = spec.call(partial(margins_as_data, response=True), spec, scenario, (q1, q2), arguments.seed)
-            loops[str(policy)], margins = fields.pop("response"), Margins(**fields)
+            margins = spec.call(partial(margins_as_data, response=True), spec, scenario, (q1, q2), arguments.seed)
+            loops[str(policy)], delay = margins["response"], margins["delay"]
             rows.append((
-                policy, f"{max(margins.gain_lower):.2f} - {min(margins.gain_upper):.2f}", f"{min(margins.phase):.0f} deg",
-                f"{1e3 * margins.delay:.1f} ms", f"{margins.delay / scenario.control_dt:.2f}",
-                f"{max(margins.sensitivity):.2f}", f"{max(margins.complementary):.2f}",
+                policy, f"{max(margins['gain_lower']):.2f} - {min(margins['gain_upper']):.2f}",
+                f"{min(margins['phase']):.0f} deg", f"{1e3 * delay:.1f} ms", f"{delay / scenario.control_dt:.2f}",
+                f"{max(margins['sensitivity']):.2f}", f"{max(margins['complementary']):.2f}",
             ))  # fmt: skip
         except ValueError as problem:
             remarks.append(f"no margins of {policy}: {problem}")
