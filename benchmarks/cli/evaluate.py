@@ -15,7 +15,7 @@ from benchmarks.report.columns import Table, number
 from benchmarks.report.export import write_runs
 from benchmarks.report.latex import write_table
 from benchmarks.report.plot import Panel, band, caption, plot_comparison, plot_lines, plot_trace
-from benchmarks.run.metrics import counted_errors, measure, summarize
+from benchmarks.run.metrics import counted_errors, measure
 from benchmarks.run.rollout import Trace
 from benchmarks.run.runner import run_trials
 from benchmarks.run.traces import export
@@ -81,12 +81,12 @@ def _comparison(runs: Mapping[str, Rows], scenario: Scenario) -> Table:
     header = ("policy", "error %", "worst seed", "diverged %", "torque variation", *names, "errs less than the first")
     lines = []
     for policy, rows in runs.items():
-        n, mean = len(rows), summarize(rows)
+        n = len(rows)
         better = proportion(n * wins(errors[policy], errors[first], counts)[0], n)
         error, worst = geometric_mean(errors[policy], counts)[0], max(errors[policy][0])
-        values = (error, worst, 100 * mean["diverged"], *(mean[name] for name in ("variation", *names)))
+        lost, *means = (np.mean([row[name] for row in rows]) for name in ("diverged", "variation", *names))
         share = f"{100 * better.value:.0f} % ({100 * better.low:.0f}–{100 * better.high:.0f})"
-        lines.append((policy, *map(number, values), share if policy != first else ""))
+        lines.append((policy, *map(number, (error, worst, 100 * lost, *means)), share if policy != first else ""))
     return Table(header, lines)
 
 

@@ -209,9 +209,3 @@ def _steps(trace: Trace) -> Array:
     counts = np.isfinite(times).sum(axis=(0, 3))
     means = np.where(counts > 0, np.nansum(times, axis=(0, 3)) / np.maximum(counts, 1), np.nan)
     return np.stack([np.minimum(100 * overshoot, 1e3), *means])
-
-
-def summarize(rows: list[dict[str, float]]) -> dict[str, float]:
-    """Return the mean of each metric over all seeds; NaN where it applies to none."""
-    known = {name: [row[name] for row in rows if not np.isnan(row[name])] for name in rows[0]}
-    return {name: float(np.mean(values)) if values else float("nan") for name, values in known.items()}
