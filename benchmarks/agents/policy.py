@@ -36,11 +36,7 @@ def best_seed(name: str) -> int:
 
 def folder_factory(folder: Path) -> Callable[..., Agent]:
     """Return the factory of the agent in a folder."""
-
-    def factory(interface: Interface) -> Agent:
-        return Agent(interface, *read(folder))
-
-    return _declare(factory, folder, files(folder))
+    return _declare(lambda interface: Agent(interface, *read(folder)), folder, files(folder))
 
 
 def _factory(name: str, summary: str) -> Callable[..., Agent]:

@@ -2,7 +2,6 @@
 
 import dataclasses
 import json
-import tomllib
 from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 from pathlib import Path
@@ -15,6 +14,7 @@ from benchmarks.report.markdown import table
 from benchmarks.report.plot import plot_lines
 from benchmarks.text import refusing
 from fbl_gym.records.checks import unknown
+from fbl_gym.scenarios.files import read_toml
 
 #: The kinds of a case. Stated: the paper's values, with misprints corrected, or other readings of
 #: them. Open: a value that the paper leaves open is not the project's first choice. Control: a
@@ -66,8 +66,7 @@ def _claim(name: str, entry: Mapping[str, Any]) -> Claim:
     return Claim(texts, cases, functions[name.replace("-", "_")])
 
 
-_ENTRIES = tomllib.loads(Path(__file__).with_name("claims.toml").read_text(encoding="utf-8"))
-CLAIMS = {name: _claim(name, entry) for name, entry in _ENTRIES.items()}
+CLAIMS = {name: _claim(name, entry) for name, entry in read_toml(Path(__file__).with_name("claims.toml")).items()}
 
 
 def judge(cases: Sequence[Sequence[str]]) -> tuple[str, str]:

@@ -4,7 +4,6 @@
 """
 
 import math
-import tomllib
 from collections import defaultdict
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
@@ -17,13 +16,12 @@ from benchmarks.analysis.board import Board, meaning_of
 from benchmarks.analysis.statistics import Estimate
 from benchmarks.run.metrics import MARGINS
 from fbl_gym.model.arm import Array
+from fbl_gym.scenarios.files import read_toml
 
 #: The tables that have a column; the page has all columns.
 ALL, PAGE_AND_MARKDOWN, NONE = "all", "page and Markdown", "none"
 
-DECLARED: dict[str, dict[str, Any]] = tomllib.loads(
-    Path(__file__).with_name("columns.toml").read_text(encoding="utf-8")
-)
+DECLARED: dict[str, dict[str, Any]] = read_toml(Path(__file__).with_name("columns.toml"))
 
 
 class Table(NamedTuple):
