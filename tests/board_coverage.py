@@ -15,7 +15,6 @@ from benchmarks.analysis.statistics import Estimate
 from benchmarks.cli.common import run_all
 from benchmarks.cli.leaderboard import boards_of, suites_of
 from benchmarks.cli.parser import add_arguments, trust
-from benchmarks.run.store import Store
 from fbl_gym.model.arm import Array
 
 ARGUMENTS = "--policies --policy --scenarios --cell-timeout --cell-memory --workers --trust --store"
@@ -57,8 +56,7 @@ def main(argv: Sequence[str] | None = None) -> None:
         parser.error(f"N must be at least twice --of {arguments.of}, got {arguments.number}")
     arguments.suite, arguments.seeds, arguments.short = [arguments.suite], arguments.number, False
     (suite,) = suites_of(arguments)
-    run_all(suite.cells, arguments)
-    board = boards_of([suite], Store(arguments.store))[suite.name]
+    board = boards_of([suite], run_all(suite.cells, arguments))[suite.name]
     shares = coverage(board, arguments.of)
     print(f"{arguments.number // arguments.of} boards of {arguments.of} seeds: intervals that hold, in %")
     print(*(f"{name.replace('_', ' '):>14}" for name in shares), " policy")

@@ -32,8 +32,8 @@ def write(path: Path | None, name: str, writer: Callable[[Path], object], about:
         say(f"{name}: {path}{about}")
 
 
-def run_all(cells: Sequence[Cell], arguments: argparse.Namespace) -> dict[str, Result]:
-    """Run the cells that the store lacks with a progress bar; return all results by their ids."""
+def run_all(cells: Sequence[Cell], arguments: argparse.Namespace) -> dict[Cell, Result]:
+    """Run the cells that the store lacks with a progress bar; return the result of each cell."""
     store, limits = Store(arguments.store), limits_of(arguments)
     runs = run(cells, store, workers=arguments.workers, command=command_line(), limits=limits)
-    return {result.cell.id: result for _, result in track(runs, "cells", len(cells), console=Screen(stderr=True))}
+    return {result.cell: result for _, result in track(runs, "cells", len(cells), console=Screen(stderr=True))}

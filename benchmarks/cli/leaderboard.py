@@ -3,7 +3,7 @@
 import argparse
 import dataclasses
 import sys
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 from benchmarks.analysis.board import Board, assemble
 from benchmarks.analysis.transfer import Agreement, compare_halves, compare_orders
@@ -12,7 +12,7 @@ from benchmarks.report import terminal
 from benchmarks.report.latex import write_board
 from benchmarks.run.cell import Cell
 from benchmarks.run.expansion import expand
-from benchmarks.run.store import Result, Store
+from benchmarks.run.store import Result
 from benchmarks.run.suite import Suite, load
 from benchmarks.text import say
 from fbl_gym import scenarios
@@ -43,41 +43,34 @@ def suites_of(arguments: argparse.Namespace) -> list[Suite]:
 
 def run(arguments: argparse.Namespace) -> int:
     """Run the suite's cells, print the board, and return the exit status."""
-    suites, store = suites_of(arguments), Store(arguments.store)
+    suites = suites_of(arguments)
     if arguments.tex and (arguments.world or len(suites) > 1):
         raise ValueError("--tex is for one board, such as that of --suite servo, and without --world")
     if arguments.world:
         return max(compare_worlds(suite, arguments) for suite in suites)
-    cells = [cell for suite in suites for cell in suite.cells]
-    run_all(cells, arguments)
-    results = results_of(cells, store)
-    if not any(result.rows for result in results):
-        say(f"fbl-gym: no cell has a result; {results[0].cell.id} failed: {results[0].error}", sys.stderr)
+    results = run_all([cell for suite in suites for cell in suite.cells], arguments)
+    if not any(result.rows for result in results.values()):
+        failed = results[suites[0].cells[0]]
+        say(f"fbl-gym: no cell has a result; {failed.cell.id} failed: {failed.error}", sys.stderr)
         return 1
-    boards = boards_of(suites, store)
+    boards = boards_of(suites, results)
     some = (SHOWN, [*map(str, arguments.policy)]) if arguments.short else ()
     terminal.leaderboards(terminal.Screen(), boards, *some)
     write(arguments.tex, "table", lambda path: write_board(path, boards[suites[0].name], command_line()))
     first = f"the first {SHOWN} of each board; " if arguments.short else ""
     say(f"{first}results: {arguments.store}; a page of them: fbl-gym report, with the same arguments")
-    return int(any(counts(result.error) for result in results))
+    return int(any(counts(result.error) for result in results.values()))
 
 
-def boards_of(suites: Sequence[Suite], store: Store) -> dict[str, Board]:
-    """Return the board of each suite, by its name, from the stored results."""
-    return {suite.name: assemble(results_of(suite.cells, store), suite.cells) for suite in suites}
+def boards_of(suites: Sequence[Suite], results: Mapping[Cell, Result]) -> dict[str, Board]:
+    """Return the board of each suite, by its name, from the results of `run_all`."""
+    return {suite.name: assemble([results[cell] for cell in suite.cells], suite.cells) for suite in suites}
 
 
 def counts(error: str) -> bool:
     """Return True if an error counts as a failure. An absent extra, sensor or drive does not."""
     expected = ("DependencyNotInstalled", "needs a sensor of", "needs both drives", "needs an arm that hangs")
     return bool(error) and not any(each in error for each in expected)
-
-
-def results_of(cells: Sequence[Cell], store: Store) -> list[Result]:
-    """Return the stored results of some cells, in their order; those that failed have an error."""
-    found = (store.find(cell) or store.find_failure(cell) for cell in cells)
-    return [result for result in found if result is not None]
 
 
 def compare_worlds(suite: Suite, arguments: argparse.Namespace) -> int:
@@ -89,7 +82,7 @@ def compare_worlds(suite: Suite, arguments: argparse.Namespace) -> int:
         tasks = tuple(scenarios.in_world(task, world) for task in suite.scenarios)
         sides.append(dataclasses.replace(suite, name=world, scenarios=tasks))
     results = run_all([cell for side in sides for cell in side.cells], arguments)
-    boards = boards_of(sides, Store(arguments.store))
+    boards = boards_of(sides, results)
     for side, board in boards.items():
         say(f"{side}:")
         terminal.leaderboard(terminal.Screen(), board)

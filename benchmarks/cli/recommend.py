@@ -25,9 +25,9 @@ def run(arguments: argparse.Namespace) -> int:
     if trials:
         import optuna  # noqa: F401  of the extra `analysis`: now, not after minutes of work
     base, run_cells = as_scenario(arguments.scenario), partial(run_all, arguments=arguments)
-    likeness = recommend.Likeness.of(base)
-    policies = arguments.policies or recommend.candidates(tuple(dict.fromkeys((*likeness.classes, base.robot_class))))
-    say(likeness.text)
+    classes, text = recommend.likeness(base)
+    policies = arguments.policies or recommend.candidates(tuple(dict.fromkeys((*classes, base.robot_class))))
+    say(text)
     bounds = arguments.least_phase, arguments.least_delay
     tune = partial(_tune, base, trials, arguments.workers, bounds) if trials else None
     result = recommend.recommend(base, policies, arguments.seeds, run_cells, tune, bounds)

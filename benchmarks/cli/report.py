@@ -3,8 +3,9 @@
 import argparse
 import sys
 
+from benchmarks.analysis.board import assemble
 from benchmarks.cli.common import command_line
-from benchmarks.cli.leaderboard import boards_of, counts, results_of, suites_of
+from benchmarks.cli.leaderboard import counts, suites_of
 from benchmarks.files import write_text
 from benchmarks.report import markdown, terminal
 from benchmarks.report.export import write_runs
@@ -18,10 +19,10 @@ from fbl_gym.reading import read_text
 def run(arguments: argparse.Namespace) -> int:
     """Write the report; return 1 if results are missing."""
     suites, store, out = suites_of(arguments), Store(arguments.store), arguments.out
-    results = {suite.name: results_of(suite.cells, store) for suite in suites}
+    results = {suite.name: [*filter(None, map(store.find_any, suite.cells))] for suite in suites}
     if not any(results.values()):
         raise ValueError(f"{store.folder} lacks these results: run `fbl-gym leaderboard` with the same arguments")
-    boards = boards_of(suites, store)
+    boards = {suite.name: assemble(results[suite.name], suite.cells) for suite in suites}
     terminal.leaderboards(terminal.Screen(), boards)
     for name, board in boards.items():
         folder = out / name if len(suites) > 1 else out

@@ -10,7 +10,7 @@ import numpy as np
 
 from benchmarks.report import terminal
 from benchmarks.run.rollout import reference_motion
-from benchmarks.studies.recommend import Likeness
+from benchmarks.studies.recommend import likeness
 from benchmarks.text import say
 from fbl_gym import Scenario, scenarios
 from fbl_gym.model.arm import Array, inertia_matrix, inverse_dynamics
@@ -105,7 +105,7 @@ def follows(scenario: Scenario) -> dict[str, str]:
     delays = dict.fromkeys(f"{1e3 * delay:.3g}" for delay in drive.facts(scenario)["delay"])
     facts = {
         "class of robots, of @tuned": scenario.robot_class,
-        "most like": Likeness.of(scenario).text.removeprefix("class: "),
+        "most like": likeness(scenario)[1].removeprefix("class: "),
         "weight (largest torque of gravity)": _both(weight, "N m"),
         "inertia of the stretched links": _both(np.array([stretched[0, 0], p2]), "kg m^2"),
         "delay of a command: delay, delay_samples, jitter": f"{' to '.join(delays)} ms",

@@ -86,7 +86,7 @@ def run(arguments: argparse.Namespace) -> int:
     curves: dict[tuple[str, ...], list[tuple[list[float], str]]] = defaultdict(list)
     runs = []
     for (point, _), cell in zip(itertools.product(points, suite.policies), suite.cells, strict=True):
-        policy, result, texts = cell.policy.name, results[cell.id], [*map(_text, point)]
+        policy, result, texts = cell.policy.name, results[cell], [*map(_text, point)]
         if result.error:
             say(f"fbl-gym: {cell.id} failed: {result.error}", sys.stderr)
         errors = counted_errors(result.rows) or [np.nan] * len(cell.seeds)

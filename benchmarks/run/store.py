@@ -114,9 +114,9 @@ class Store:
         """Return the result of a cell, or None; a damaged one has a warning."""
         return self._read(self.path(cell), cell)
 
-    def find_failure(self, cell: Cell) -> Result | None:
-        """Return the result of a cell that failed when it last ran, or None."""
-        return self._read(self.path(cell).with_suffix(".error"), cell)
+    def find_any(self, cell: Cell) -> Result | None:
+        """Return the result of a cell, also one that failed when it last ran, or None."""
+        return self.find(cell) or self._read(self.path(cell).with_suffix(".error"), cell)
 
     def results(self) -> Iterator[Result]:
         """Yield every result, in the order of the files' names; a damaged one has a warning."""

@@ -20,7 +20,7 @@ from benchmarks.analysis.statistics import proportion
 from benchmarks.policies.spec import resolve
 from benchmarks.run.cell import Cell
 from benchmarks.run.linearize import margins_as_data
-from benchmarks.run.loop import LEAST_DELAY, LEAST_PHASE, Margins, Unstable
+from benchmarks.run.loop import LEAST_DELAY, LEAST_PHASE, Unstable
 from benchmarks.run.metrics import penalize
 from benchmarks.run.rollout import reference_motion
 from benchmarks.run.store import Result
@@ -33,8 +33,8 @@ from fbl_gym.scenarios import Scenario
 from fbl_gym.scenarios.class_families import LEAST, conditions
 from fbl_gym.scenarios.classes import CLASSES
 
-#: Runs cells and returns their results by id. A failed one has an error.
-Run = Callable[[Sequence[Cell]], Mapping[str, Result]]
+#: Runs cells and returns the result of each. A failed one has an error.
+Run = Callable[[Sequence[Cell]], Mapping[Cell, Result]]
 
 #: Policies that go on from the scenario alone to its conditions.
 SCREENED = 8
@@ -70,46 +70,35 @@ KINDS = (
 )  # fmt: skip
 
 
-@dataclass(frozen=True)
-class Likeness:
-    """The classes of robots that a robot is most like.
+def likeness(base: Scenario) -> tuple[tuple[str, ...], str]:
+    """Return the class of robots that a scenario's arm is most like, and the reasons in one line.
 
-    The distance of a class is half the number of doublings between both rates, and 1 each for
-    another side of the encoders and another amount of friction.
-
-    Attributes:
-        classes: the nearest class, and the next one if the arm is between both.
-        text: the class in one line, and the reasons.
+    An arm between two classes has the next one, too. The distance of a class is half the number of
+    doublings between both rates, and 1 each for another side of the encoders and another amount of
+    friction.
     """
-
-    classes: tuple[str, ...]
-    text: str
-
-    @classmethod
-    def of(cls, base: Scenario) -> "Likeness":
-        """Return the likeness of a scenario's arm."""
-        fast, friction, joint = ("servo", "direct"), base.friction, base.joint
-        sides: tuple[str, ...] = fast
-        reasons = [f"{1 / base.control_dt:.0f} Hz", "rigid joints"]
-        if joint is not None:
-            rate = joint.springs(base.arm, lambda k: ends(k)[0])[1].min()
-            sides = fast if rate > SPRINGY else ("geared",) if joint.encoder == "motor" else ("servo",)
-            reasons[1] = f"springs of {rate:.2g} Hz with encoders on the {joint.encoder}s"
-        if base.link is not None:
-            reasons.append("links that bend")
-        levels: tuple[str, ...] = tuple(CLASSES)
-        if friction is not None:
-            both = [np.array([np.mean(ends(x)) for x in level]) for level in (friction.coulomb, friction.stiction)]  # type: ignore[union-attr]
-            share = float(np.mean(sum(both) / _weight(base.arm)))
-            levels = ("geared",) if share > MUCH_FRICTION else fast
-            reasons.append(f"dry friction of {100 * share:.0f} % of the weight")
-        distances = {
-            robot: abs(np.log2(base.control_dt / kind.control_dt)) / 2 + (robot not in sides) + (robot not in levels)
-            for robot, kind in CLASSES.items()
-        }
-        first, second = sorted(distances, key=distances.__getitem__)[:2]
-        near = (first, second) if distances[second] - distances[first] <= BETWEEN else (first,)
-        return cls(near, f"class: {'between ' * (len(near) > 1)}{' and '.join(near)} ({', '.join(reasons)})")
+    fast, friction, joint = ("servo", "direct"), base.friction, base.joint
+    sides: tuple[str, ...] = fast
+    reasons = [f"{1 / base.control_dt:.0f} Hz", "rigid joints"]
+    if joint is not None:
+        rate = joint.springs(base.arm, lambda k: ends(k)[0])[1].min()
+        sides = fast if rate > SPRINGY else ("geared",) if joint.encoder == "motor" else ("servo",)
+        reasons[1] = f"springs of {rate:.2g} Hz with encoders on the {joint.encoder}s"
+    if base.link is not None:
+        reasons.append("links that bend")
+    levels: tuple[str, ...] = tuple(CLASSES)
+    if friction is not None:
+        both = [np.array([np.mean(ends(x)) for x in level]) for level in (friction.coulomb, friction.stiction)]  # type: ignore[union-attr]
+        share = float(np.mean(sum(both) / _weight(base.arm)))
+        levels = ("geared",) if share > MUCH_FRICTION else fast
+        reasons.append(f"dry friction of {100 * share:.0f} % of the weight")
+    distances = {
+        robot: abs(np.log2(base.control_dt / kind.control_dt)) / 2 + (robot not in sides) + (robot not in levels)
+        for robot, kind in CLASSES.items()
+    }
+    first, second = sorted(distances, key=distances.__getitem__)[:2]
+    near = (first, second) if distances[second] - distances[first] <= BETWEEN else (first,)
+    return near, f"class: {'between ' * (len(near) > 1)}{' and '.join(near)} ({', '.join(reasons)})"
 
 
 def around(base: Scenario) -> dict[str, Scenario]:
@@ -118,7 +107,7 @@ def around(base: Scenario) -> dict[str, Scenario]:
     What a scenario does not have, such as noise, comes in the size of its class of robots. Rigid
     joints and links stay rigid: no stiffness can be guessed.
     """
-    scenarios, robot = {"as described": base}, Likeness.of(base).classes[0]
+    scenarios, robot = {"as described": base}, likeness(base)[0][0]
     for kind in KINDS:
         if (changed := push(base, kind, 2.0, robot)) != base:
             scenarios[kind] = changed.replace(name=f"{base.name}+{kind.replace(' ', '-')}")
@@ -325,7 +314,7 @@ def recommend(
 
     def measured(names: Sequence[str], *tasks: Scenario) -> list[Result]:
         cells = Suite("recommend", tuple(names), tasks, number).cells
-        results.update(run(cells))
+        results.update((result.cell.id, result) for result in run(cells).values())
         return [results[cell.id] for cell in cells]
 
     screened = measured(policies, base)
@@ -387,12 +376,12 @@ def margins_of(policy: str, base: Scenario) -> tuple[float, float, str]:
     """Return phase margin [degrees] and delay margin [samples], and a remark; NaN: unknown."""
     spec = resolve(policy)
     try:
-        margins = Margins(**spec.call(margins_as_data, spec, base))
+        margins = spec.call(margins_as_data, spec, base)
     except Unstable as problem:
         return 0.0, 0.0, str(problem)
     except ValueError as problem:
         return math.nan, math.nan, str(problem)
-    return min(margins.phase), margins.delay / base.control_dt, ""
+    return min(margins["phase"]), margins["delay"] / base.control_dt, ""
 
 
 def is_safe(results: Sequence[Result]) -> bool:

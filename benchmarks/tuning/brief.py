@@ -15,7 +15,7 @@ from benchmarks.policies.isolation import Failed, run_parallel
 from benchmarks.policies.spec import resolve
 from benchmarks.run.store import provenance
 from benchmarks.seeds import SPLITS
-from benchmarks.studies.recommend import Likeness, around
+from benchmarks.studies.recommend import around, likeness
 from benchmarks.tuning.search import STORAGE, Task, finished, open_study, rounded, tune, write_gains
 from fbl_gym.options import FourierReference
 from fbl_gym.scenarios import Scenario, held_out_reason
@@ -29,7 +29,7 @@ def practice(base: Scenario) -> Scenario:
     """Return the scenario; if it is for judging alone, with another motion, events and engine."""
     if not held_out_reason(base):
         return base
-    move_time = CLASSES[Likeness.of(base).classes[0]].move_time
+    move_time = CLASSES[likeness(base)[0][0]].move_time
     motion = FourierReference(amplitude=(1.5, 2.0), frequency=0.24 / move_time, harmonics=4)
     return base.replace(reference=motion, duration=min(base.duration, 4.8), events=(), plant=None)
 

@@ -18,7 +18,7 @@ from benchmarks.run.loop import LEAST_DELAY, LEAST_PHASE
 from benchmarks.run.runner import run_cell
 from benchmarks.seeds import SPLITS
 from benchmarks.studies import recommend
-from benchmarks.studies.recommend import Likeness, around, is_safe, push
+from benchmarks.studies.recommend import around, is_safe, likeness, push
 from benchmarks.tuning import brief, search
 from benchmarks.tuning.search import Task, at_edge, judge, scenarios_of, seeds, summary, tune, write_gains
 from controllers.registry import tuned_gains
@@ -221,7 +221,7 @@ BASE = scenarios.get("servo-nominal").replace(name="short", duration=0.6)
 
 
 def run_cells(cells):
-    return {cell.id: run_cell(cell) for cell in cells}
+    return {cell: run_cell(cell) for cell in cells}
 
 
 @pytest.mark.parametrize(("name", "classes"), [
@@ -230,7 +230,7 @@ def run_cells(cells):
     ("nominal", ("servo",)), (Scenario(control_dt=0.004), ("direct", "servo")),
 ])  # fmt: skip
 def test_the_class_of_a_robot(name, classes):
-    assert Likeness.of(as_scenario(name)).classes == classes
+    assert likeness(as_scenario(name))[0] == classes
 
 
 @pytest.mark.parametrize("name", ["nominal", "servo-nominal", "geared-nominal", "servo-everything-2", "paper-6a"])
