@@ -78,11 +78,10 @@ def linearize_all(
     `gains` take the place of the policy's.
     """
     scenario, spec = _without_jitter(as_scenario(scenario)), resolve(policy)
-    point, zero = check_pair("at", at), (0.0, 0.0)
+    point = check_pair("at", at)
     if not spec.ranked:
         raise NotLinear("the policy reads the true state")
-    reference = ArrayReference(position=(point,) * 2, velocity=(zero,) * 2, acceleration=(zero,) * 2)
-    duration = SETTLING + scenario.control_dt
+    reference, duration = ArrayReference(position=(point,)), SETTLING + scenario.control_dt
     calm = _calm(scenario, spec).replace(reference=reference, initial_error=0.0, duration=duration)
     env, told = make_env(spec, calm, len(seeds)), make_env(spec, scenario, 1).interface
     # A law designs its filter for the sensors that the datasheet states; here they read exactly.
@@ -93,31 +92,19 @@ def linearize_all(
         return [NotLinear("the agent holds its torque for several samples")] * len(seeds)
     observation, state, errors, lost = _run(spec, scenario, point, seeds, gains)
     loops: list[LinearLoop | NotLinear] = []
+    limit = scenario.actuator.torque_limit
     with np.errstate(invalid="ignore", divide="ignore"):  # a state may be moved beyond its bounds
-        for rest, error in zip(_rest(env, actor, seeds, observation, state, lost), errors, strict=True):
-            try:
-                loops.append(_loop_at(calm, scenario.actuator.torque_limit, env.interface, actor, *rest, error))
-            except NotLinear as reason:
-                loops.append(reason)
+        rests = _rest(env, actor, seeds, observation, state, lost)
+        for (seen, known, truth), error in zip(rests, errors, strict=True):
+            for _ in range(3):  # an agent that decides at this sample goes on for one or two
+                try:
+                    loop: LinearLoop | NotLinear = _loop(calm, limit, env.interface, truth, actor, seen, known, error)
+                    break
+                except NotLinear as reason:
+                    loop = reason
+                _, known = actor.predict(seen[None], state=known, deterministic=True)
+            loops.append(loop)
     return loops
-
-
-def _loop_at(
-    scenario: Scenario, limit: Any, interface: Interface, actor: Any, observation: Array, state: Any, truth: Truth,
-    error: float,
-) -> LinearLoop:  # fmt: skip
-    """Return the loop at a point, or a sample or two later if an agent decides at it.
-
-    The drives that hold the arm there have the torque `limit`.
-    """
-    if limit is not None and np.any(np.abs(truth.applied_torque) > truth.gain * np.array(limit)):
-        raise NotLinear("the drives cannot hold the arm there")
-    for _ in range(2):
-        try:
-            return _loop(scenario, interface, truth, actor, observation, state, error)
-        except NotLinear:
-            _, state = actor.predict(observation[None], state=state, deterministic=True)
-    return _loop(scenario, interface, truth, actor, observation, state, error)
 
 
 #: Number of arms whose margins a result has, and least number of its seeds.
@@ -257,12 +244,16 @@ def _calm(scenario: Scenario, spec: PolicySpec) -> Scenario:
 
 
 def _loop(
-    scenario: Scenario, interface: Interface, truth: Truth, actor: Any, observation: Array, state: Any, error: float
-) -> LinearLoop:
+    scenario: Scenario, limit: Any, interface: Interface, truth: Truth, actor: Any, observation: Array, state: Any,
+    error: float,
+) -> LinearLoop:  # fmt: skip
     """Linearise at a true state, and at an observation [size] with the policy's state.
 
     Where the law has a kink, the point is beside it: of a reading by the `error` of a run [rad].
+    The drives that hold the arm there have the torque `limit`.
     """
+    if limit is not None and np.any(np.abs(truth.applied_torque) > truth.gain * np.array(limit)):
+        raise NotLinear("the drives cannot hold the arm there")
     layout, (motion, drive) = interface.layout, _motion(scenario, truth)
     encoder = scenario.encoder or Encoder()
     slots = {slot: np.arange(layout.size)[layout[slot]] for slot in MEASURED if slot in layout}
