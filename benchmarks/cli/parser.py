@@ -20,9 +20,7 @@ from benchmarks.seeds import SPLITS
 from benchmarks.text import say, visible
 from fbl_gym import __version__
 
-COMMANDS: dict[str, dict[str, Any]] = tomllib.loads(
-    Path(__file__).with_name("commands.toml").read_text(encoding="utf-8")
-)
+COMMANDS: dict[str, dict[str, Any]] = tomllib.loads(Path(__file__).with_name("commands.toml").read_text("utf-8"))
 #: The commands, the arguments that several have, and the modules that each extra installs.
 SHARED, EXTRAS = COMMANDS.pop("shared"), COMMANDS.pop("extras")
 

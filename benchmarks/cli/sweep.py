@@ -83,7 +83,7 @@ def run(arguments: argparse.Namespace) -> int:
         tasks = [with_option(task, name, point[i], factor=factor) for task, point in zip(tasks, points, strict=True)]
     suite = Suite("sweep", tuple(arguments.policies), tuple(tasks), arguments.seeds)
     results = run_all(suite.cells, arguments)
-    curves: dict[tuple[str, ...], list[tuple[list[float], str]]] = defaultdict(list)
+    curves, columns = defaultdict(list), defaultdict(list)  # errors and texts, by policy and values of further options
     runs = []
     for (point, _), cell in zip(itertools.product(points, suite.policies), suite.cells, strict=True):
         policy, result, texts = cell.policy.name, results[cell], [*map(_text, point)]
@@ -92,7 +92,8 @@ def run(arguments: argparse.Namespace) -> int:
         errors = counted_errors(result.rows) or [np.nan] * len(cell.seeds)
         (low, mid, high), lost = np.quantile(errors, QUANTILES), sum(row["diverged"] > 0 for row in result.rows)
         text = f"{number(mid)} ({number(low)}–{number(high)})" + f", {lost} lost" * (lost > 0)
-        curves[policy, *texts[1:]].append((errors, text))
+        curves[policy, *texts[1:]].append(errors)
+        columns[policy, *texts[1:]].append(text)
         written = (text if isinstance(x, tuple) else x for x, text in zip(point, texts, strict=True))
         runs.append(((policy, *written), cell.seeds, result.rows))
     write_runs(arguments.csv, ("policy", *names), runs)
@@ -101,11 +102,10 @@ def run(arguments: argparse.Namespace) -> int:
     ticks = [_text(value) for value in values[0]]
     x = np.array(ticks if any(isinstance(value, tuple) for value in values[0]) else values[0])
     path = arguments.plot or arguments.csv.with_suffix(".png")
-    lines = tuple(band(x, np.array([errors for errors, _ in curves[key]]), titles[key]) for key in curves)
+    lines = tuple(band(x, np.array(curves[key]), titles[key]) for key in curves)
     panel = Panel("", first, "error [%]", lines, (scales[0], "log"))
     plot_lines(f"Error on {arguments.scenario}, {arguments.seeds} seeds", [panel], path, arguments.width)
     meaning = f"median error in % (10 to 90 % of {arguments.seeds} seeds), and the number of diverged runs"
-    columns = {key: [text for _, text in curves[key]] for key in curves}
     show(meaning, (first, *titles.values()), zip(ticks, *columns.values(), strict=True))
     if arguments.tex is not None:
         groups: list[tuple[str, int]] = []

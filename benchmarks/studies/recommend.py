@@ -30,7 +30,7 @@ from fbl_gym.model.arm import ArmParameters, Array, gravity_torque, inverse_dyna
 from fbl_gym.options import Datasheet, Friction, PiecewiseConstantDisturbance, SensorError
 from fbl_gym.records.record import Distribution, ends, middle, scaled
 from fbl_gym.scenarios import Scenario
-from fbl_gym.scenarios.class_families import LEAST, conditions
+from fbl_gym.scenarios.class_families import LEAST, conditions, uniform
 from fbl_gym.scenarios.classes import CLASSES
 
 #: Runs cells and returns the result of each. A failed one has an error.
@@ -128,10 +128,10 @@ def push(base: Scenario, kind: str, factor: float, robot: str) -> Scenario:
             radius = factor * error.radius if error is not None and error.radius > 0 else 0.2 * more
             changes: dict[str, Any] = {"parameter_error": _replaced(error, radius=radius)}
         case "payload":
-            payload: Any = error and error.payload
+            end, payload = base.duration, error and error.payload
             mass = max(0.5 * more * base.arm.m2, factor * ends(getattr(payload, "mass", 0.0))[1])
-            times = {"pick_up": _uniform(0.1, 0.3, base.duration), "drop": _uniform(0.6, 0.8, base.duration)}
-            payload = _replaced(payload, mass=_uniform(0.0, mass), **times)
+            times = {"pick_up": uniform(0.1 * end, 0.3 * end), "drop": uniform(0.6 * end, 0.8 * end)}
+            payload = _replaced(payload, mass=uniform(0.0, mass), **times)
             changes = {"parameter_error": _replaced(error, payload=payload)}
         case "delay":
             late = ends(actuator.delay)[1], ends(actuator.delay_samples)[1] * base.control_dt
@@ -164,7 +164,7 @@ def push(base: Scenario, kind: str, factor: float, robot: str) -> Scenario:
             }
         case "torque constant":
             low, high = ends(actuator.gain)
-            changes = {"actuator": _replaced(actuator, gain=_uniform(max(low - 0.2 * more, 0.0), high + 0.2 * more))}
+            changes = {"actuator": _replaced(actuator, gain=uniform(max(low - 0.2 * more, 0.0), high + 0.2 * more))}
         case "data sheet":
             changes = _off(base, 1.4 if factor >= 2 else 1.2, 0.25 * factor)
         case _:
@@ -232,10 +232,6 @@ def _larger(record: Any, usual: Any, names: Sequence[str], factor: float) -> Any
     if record is None:
         record, factor = usual, factor - 1.0
     return replace(record, **{name: scaled(getattr(record, name), factor) for name in names})
-
-
-def _uniform(low: float, high: float, scale: float = 1.0) -> Distribution:
-    return Distribution(uniform=(low * scale, high * scale))
 
 
 def candidates(robots: Sequence[str]) -> list[str]:
