@@ -11,9 +11,10 @@ from numpy.typing import NDArray
 
 from benchmarks.policies.spec import PolicySpec, resolve
 from fbl_gym.envs.env import TwoLinkArmEnv
+from fbl_gym.envs.hand import course
 from fbl_gym.envs.vector_env import TwoLinkArmVectorEnv
 from fbl_gym.model.arm import Array
-from fbl_gym.options import SENSORS, Actuator, Limits
+from fbl_gym.options import SENSORS
 from fbl_gym.scenarios import Scenario
 
 
@@ -164,17 +165,7 @@ def reference_motion(scenario: Scenario, seeds: Sequence[int]) -> Array:
 
     It has position, velocity and acceleration.
     """
-    names = ("reference", "control_dt", "physics_dt", "duration", "drawn_per")
-    kept: dict[str, Any] = {name: getattr(scenario, name) for name in names}
-    limits, drive = Limits(position=1e9, velocity=1e9), Actuator(torque_limit=None)
-    env = TwoLinkArmVectorEnv(len(seeds), Scenario("calm", limits=limits, actuator=drive, **kept), action="torque")
-    env.reset(seed=list(seeds))
-    motion = []
-    for _ in range(scenario.steps + 1):
-        truth = env.truth
-        motion.append((truth.reference, truth.reference_velocity, truth.reference_acceleration))
-        env.step(np.zeros((len(seeds), 2)))
-    return np.stack(motion, axis=1)
+    return course(scenario.replace(disturbance=None), seeds)[:3]
 
 
 def _details(env: TwoLinkArmVectorEnv, observation: Array, state: Any) -> dict[str, Array]:

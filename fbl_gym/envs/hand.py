@@ -1,8 +1,11 @@
 """A hand on a running arm: a target to follow, a push, a payload, a weak drive, noise."""
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from fbl_gym.envs.env import TwoLinkArmEnv
+from fbl_gym.envs.vector_env import TwoLinkArmVectorEnv
 from fbl_gym.kernel.memory.layout import EVENT_ROWS, LANES, SETTINGS_SIZE
 from fbl_gym.model.arm import ArmParameters, Array
 from fbl_gym.options import Actuator, ArrayDisturbance, ArrayReference, DriveChange, Drop, Limits, PickUp
@@ -17,31 +20,36 @@ _COURSE = ("reference", "disturbance", "control_dt", "physics_dt", "duration", "
 _PICK_UP, _DROP, _DRIVE = -3, -2, -1
 
 
+def course(scenario: Scenario, seeds: Sequence[int]) -> Array:
+    """Return what each seed's first episode asks of any arm, [4 x T + 1 x n x 2] for T steps.
+
+    It is position, velocity and acceleration of the reference, and the disturbance [N m] that acted
+    until the sample.
+    """
+    kept = {name: getattr(scenario, name) for name in _COURSE}
+    heavy = ArmParameters(m1=1e6, m2=1e6)  # no disturbance moves it far
+    limits = Limits(position=1e9, velocity=1e9)
+    task = Scenario("course", arm=heavy, limits=limits, actuator=Actuator(None), **kept)
+    env, samples = TwoLinkArmVectorEnv(len(seeds), task, action="torque"), []
+    env.reset(seed=list(seeds))
+    for _ in range(scenario.steps + 1):
+        now = env.truth
+        samples.append((now.reference, now.reference_velocity, now.reference_acceleration, now.disturbance))
+        env.step(np.zeros((len(seeds), 2)))
+    return np.stack(samples, axis=1)
+
+
 def open_to_hand(scenario: Scenario, seed: int) -> Scenario:
     """Return a scenario on whose arm a `Hand` can act, for a seed.
 
     Reference and disturbance are those of the seed's first episode, in a table with a row for each
     control step. Events of a hand wait at the episode's end, which no event reaches.
     """
-    kept = {name: getattr(scenario, name) for name in _COURSE}
-    heavy = ArmParameters(m1=1e6, m2=1e6)  # no disturbance moves it far
-    env = TwoLinkArmEnv(
-        Scenario("course", arm=heavy, limits=Limits(position=1e9, velocity=1e9), actuator=Actuator(None), **kept),
-        action="torque",
-    )
-    motion = env._batch.index("reference_position", "reference_velocity", "reference_acceleration")
-    torque = env._batch.index("disturbance")
-    rows = np.empty((scenario.steps, 8))
-    env.reset(seed=seed)
-    for row in rows:
-        row[:6] = env._batch.read(motion)
-        env.step(np.zeros(2))
-        row[6:] = env._batch.read(torque)
-    position, velocity, acceleration, disturbance = (rows[:, i : i + 2].tolist() for i in (0, 2, 4, 6))
+    q, v, a, torque = course(scenario, [seed])[:, :, 0]
     end, dt = scenario.duration, scenario.control_dt
     return scenario.replace(
-        reference=ArrayReference(position=position, dt=dt, velocity=velocity, acceleration=acceleration),
-        disturbance=ArrayDisturbance(torque=disturbance, dt=dt),
+        reference=ArrayReference(position=q[:-1], dt=dt, velocity=v[:-1], acceleration=a[:-1]),
+        disturbance=ArrayDisturbance(torque=torque[1:], dt=dt),
         events=(*scenario.events, PickUp(end, mass=0.0), Drop(end), DriveChange(end, factor=1.0)),
     )
 
