@@ -16,7 +16,6 @@ from benchmarks.report.export import write_runs
 from benchmarks.report.latex import write_table
 from benchmarks.report.plot import Panel, band, caption, plot_comparison, plot_lines, plot_trace
 from benchmarks.run.metrics import counted_errors, measure
-from benchmarks.run.rollout import Trace
 from benchmarks.run.runner import run_trials
 from benchmarks.run.traces import export
 from benchmarks.text import say
@@ -42,7 +41,7 @@ def run(arguments: argparse.Namespace) -> int:
     title = f"{scenario.name}, {arguments.seeds} seeds"
     if arguments.trials > 1:
         title = f"error % on {title}: median (worst 5 %)"
-        table = _trials_table(traces, runs)
+        table = _trials_table(runs)
         bands = (band(np.arange(1.0, len(trials) + 1.0), _errors(trials), policy) for policy, trials in runs.items())
         panel = Panel("", "trial", "error [%]", tuple(bands), ("linear", "log"))
         draw = partial(plot_lines, f"Error over trials of {scenario.name}", [panel])
@@ -90,11 +89,11 @@ def _comparison(runs: Mapping[str, Rows], scenario: Scenario) -> Table:
     return Table(header, lines)
 
 
-def _trials_table(traces: Mapping[str, list[Trace]], runs: Mapping[str, list[Rows]]) -> Table:
+def _trials_table(runs: Mapping[str, list[Rows]]) -> Table:
     """Return a table with a row for each trial and a column for each policy."""
     columns = []
-    for policy, trials in runs.items():
-        errors, diverged = _errors(trials), [int((~trace.alive[-1]).sum()) for trace in traces[policy]]
+    for trials in runs.values():
+        errors, diverged = _errors(trials), [sum(row["diverged"] > 0 for row in rows) for rows in trials]
         columns.append([
             f"{np.median(error):.3g} ({tail:.3g})" + f", {lost} diverged" * (lost > 0)
             for error, tail, lost in zip(errors, tail_mean(errors), diverged, strict=True)

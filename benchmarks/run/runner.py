@@ -5,9 +5,7 @@ A finished cell is in the store, which this process alone writes.
 
 import contextlib
 import functools
-import os
 from collections.abc import Iterator, Sequence
-from pathlib import Path
 from typing import Any
 
 from threadpoolctl import threadpool_limits
@@ -42,18 +40,11 @@ def run(
     stored = [(cell, store.find(cell)) for cell in cells]
     yield from (("found", result) for _, result in stored if result is not None)
     absent = [cell for cell, result in stored if result is None]
-    work = functools.partial(_run_in, os.getcwd(), command, limits)
+    work = functools.partial(run_cell, command=command, limits=limits)
     for cell, answer in run_parallel(work, absent, min(workers, len(absent))):
         result = Result.failure(cell, str(answer), command) if isinstance(answer, Failed) else answer
         store.save(result)
         yield "failed" if result.error else "computed", result
-
-
-def _run_in(folder: str, command: str, limits: CallLimits | None, cell: Cell) -> Result:
-    """Run a cell in a folder, since its policy may be named by a relative path."""
-    if Path(folder).is_dir():
-        os.chdir(folder)
-    return run_cell(cell, command, limits)
 
 
 def run_cell(cell: Cell, command: str = "", limits: CallLimits | None = None) -> Result:
