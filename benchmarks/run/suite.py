@@ -122,7 +122,8 @@ def load(name: str, trust: bool = False) -> Suite:
     path = Path(name)
     if path.suffix != ".toml":
         return _built_in(check_choice("suite", name, SUITES))
-    data = read_toml(path)
+    if not (data := read_toml(path)):
+        raise ValueError(f"{path} must have policies, scenarios or both, but it is empty")
     for key in data:
         check_choice(f"entry of {path}", key, ("policies", "scenarios", "seeds"))
     policies, tasks = data.get("policies", [*names()]), data.get("scenarios", list(scenarios.in_tier("ideal")))

@@ -32,6 +32,7 @@ MISTAKES = tomllib.loads(Path(__file__).with_name("mistakes.toml").read_text(enc
 def test_a_mistake_is_answered_with_what_is_right(line, message, folder, fbl_gym):
     (folder / "folder.csv").mkdir()
     (folder / "lists.toml").write_text("policies = []\nscenarios = []\n")
+    (folder / "empty.toml").touch()
     (folder / "ideal.toml").write_text('policies = ["zero"]\nscenarios = ["nominal"]\n')
     before = {*folder.iterdir()}
     shown = fbl_gym(line, 2)
