@@ -89,13 +89,12 @@ def test_a_stopped_board_leaves_no_process_and_says_what_is_kept(start):
 
 
 def test_a_board_whose_store_cannot_be_written_ends(tmp_path):
-    """With more cells than workers."""
-    (tmp_path / "file").write_text("")
+    """With more cells than workers. The largest size of a file stands for a full disk."""
     line = "leaderboard --policies zero pd-gravity --workers 2 --scenarios nominal noise mass-error --seeds 1 --store"
-    command = [sys.executable, "-m", "fbl_gym", *line.split(), str(tmp_path / "file" / "store")]
-    done = subprocess.run(command, capture_output=True, text=True, check=False, timeout=300)
+    command = f"ulimit -f 0; exec {sys.executable} -m fbl_gym {line} {tmp_path}"
+    done = subprocess.run(["bash", "-c", command], capture_output=True, text=True, check=False, timeout=300)
     assert done.returncode == 2
-    assert "Not a directory" in done.stderr
+    assert "File too large" in done.stderr
 
 
 @pytest.mark.parametrize(("how", "workers", "number"), [("sleeps", 2, signal.SIGKILL), ("computes", 1, signal.SIGTERM)])

@@ -131,7 +131,7 @@ def test_environments_and_suites_take_files(folder):
     third = '{base = "arm.toml", name = "third", duration = 2.0}, {name = "third"}'
     (folder / "suite.toml").write_text(f'policies = ["zero"]\nscenarios = ["arms/arm.toml", "noise-1", {third}]')
     names = [scenario.name for scenario in load(str(folder / "suite.toml")).scenarios]
-    assert names == ["arm", "noise-1", "third", "third"]
+    assert (names[:3], names[3][:6]) == (["arm", "noise-1", "third"], "third~")
     assert scenarios.get(f"{folder}/suite.toml:third").duration == 2.0  # the first of this name
     assert scenarios.get(f"{folder}/suite.toml:noise-1") == scenarios.get("noise-1")
 
