@@ -7,26 +7,20 @@ takes ten Runge-Kutta steps of 1 ms: forty evaluations of its dynamics.
 
 import argparse
 import itertools
-import json
-import sys
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from pathlib import Path
 from typing import Any, TypeAlias
 
 import gymnasium as gym
 import numpy as np
 
-from benchmarks.files import write_text
 from benchmarks.policies.spec import resolve
-from benchmarks.run.store import provenance
 from benchmarks.run.suite import load
 from controllers import Runner
 from fbl_gym import TwoLinkArmEnv, TwoLinkArmVectorEnv, scenarios
 from fbl_gym.kernel.cuda import TorchGpu, open_gpu
 from fbl_gym.kernel.step.pool import cores
 from fbl_gym.model.arm import Array
-from fbl_gym.reading import read_text
 
 #: A function that takes one step, and returns the number of environments that it stepped.
 Contestant: TypeAlias = Callable[[], int]
@@ -144,15 +138,6 @@ def measure_gpu(rounds: int = 7) -> Iterator[tuple[str, int, float]]:
         env.check()
 
 
-def compare(rows: list[dict[str, Any]], baseline: list[dict[str, Any]]) -> dict[str, float]:
-    """Return each contestant's ratio to its peer, divided by the same ratio in earlier rows.
-
-    Contestants that the baseline lacks, or compares with another peer, are left out.
-    """
-    before = {(row["name"], row["peer"]): row["ratio"] for row in baseline if row["peer"]}
-    return {row["name"]: row["ratio"] / before[key] for row in rows if (key := (row["name"], row["peer"])) in before}
-
-
 #: Of the single arm, and of a batch at 1 kHz with its number of arms.
 SCENARIO, BATCH, ARMS = "servo-delay-2", "geared-delay-2", 32
 
@@ -217,11 +202,9 @@ busy: stick-slip friction, noise on every sensor and a disturbance. One step is 
 
 
 def main() -> None:
-    """Measure, print and write the speed of the environments."""
+    """Measure and print the speed of the environments."""
     parser = argparse.ArgumentParser(prog="python -m benchmarks.speed", description=__doc__)
     parser.add_argument("--rounds", type=int, default=7, metavar="N", help="number of rounds (7)")
-    parser.add_argument("--json", type=Path, metavar="FILE", help="write the measurements as JSON")
-    parser.add_argument("--baseline", type=Path, metavar="FILE", help="compare the ratios with those of such a file")
     parser.add_argument(
         "--decisions", nargs="*", metavar="POLICY",
         help="instead, measure a decision by these policies, or by all that the board ranks: of one arm, and of 32 at 1 kHz",
@@ -249,14 +232,6 @@ def main() -> None:
         ratio = f"{row['ratio']:.3g}" if row["peer"] else ""
         print(f"{row['name']:<42} {row['median']:>12,.0f} {ratio:>8}")
     print(f"{LEGEND}\nThis process may use {cores()} cores; rows without a number of threads have one.")
-    if arguments.baseline is not None:
-        stored = json.loads(read_text(arguments.baseline))["contestants"]
-        for name, change in compare(rows, stored).items():
-            print(f"{name:<42} {change:.2f} times its ratio in {arguments.baseline}")
-    if arguments.json is not None:
-        document = {"contestants": rows, **provenance(f"python -m benchmarks.speed {' '.join(sys.argv[1:])}")}
-        write_text(arguments.json, json.dumps(document, indent=1) + "\n")
-        print(f"written: {arguments.json}")
 
 
 if __name__ == "__main__":

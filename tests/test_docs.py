@@ -310,12 +310,6 @@ def test_an_example_runs(name, capsys):
     assert re.search(PRINTED.get(name, "."), capsys.readouterr().out)
 
 
-def test_what_shortens_a_page_is_on_a_page():
-    texts = [*PAGES.values(), *EXAMPLES.values()]
-    assert [long for long in SHORTER if not any(long in text for text in texts)] == []
-    assert {f"docs/{page}.md" for page in SLOW + SLOWEST} <= {*PAGES}
-
-
 @pytest.mark.slow
 @pytest.mark.page
 @pytest.mark.parametrize("path", NOTEBOOKS, ids=lambda path: path.stem)

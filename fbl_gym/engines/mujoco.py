@@ -79,6 +79,7 @@ class MuJoCoBatch(ArmBatch):
         self._blocks["status"][lanes // LANES, lanes % LANES] = RESTART
         self._observe(out)
 
+    @np.errstate(over="ignore", invalid="ignore")  # of an arm that diverges, whose episode ends
     def step(self, actions: Array, out: Array) -> int:
         """Advance every lane by one control step; see `ArmBatch.step`."""
         memory, blocks, lanes = self._memory, self._blocks, self._lanes

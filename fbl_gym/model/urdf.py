@@ -206,7 +206,7 @@ def _planar(
         if mass <= 0.0:
             raise ValueError(f"link {number} must have a mass (an <inertial> element), got {mass:g} kg")
         at = [complex(plane @ (part.centre - joint.place)) for part in parts]
-        about = (axis @ part.inertia @ axis + part.mass * abs(z) ** 2 for part, z in zip(parts, at, strict=True))
+        about = (axis @ part.inertia @ axis + part.mass * abs(z) * abs(z) for part, z in zip(parts, at, strict=True))
         return mass, sum(part.mass * z for part, z in zip(parts, at, strict=True)) / mass, float(sum(about))
 
     (m1, centre1, about1), (m2, centre2, about2) = body(1, inner), body(2, outer)

@@ -34,8 +34,8 @@ class Reward(Option):
     """
 
     tracking: Literal["log", "l1"] = choice("log", ("log", "l1"))
-    worst: float = number(2.0, unit="rad", above=0)
-    resolution: float = number(1e-3, unit="rad", above=0)
+    worst: float = number(2.0, unit="rad", low=1e-6)
+    resolution: float = number(1e-3, unit="rad", low=1e-9, high=1e3)
     weight_tracking: float = number(1.0, low=0)
     weight_effort: float = number(0.02, low=0)
     weight_chatter: float = number(0.1, low=0)
