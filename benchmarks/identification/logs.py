@@ -34,9 +34,9 @@ UNITS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9, "rad": 1.0, "deg": np.pi 
 # Factors of the units in columns' names. `_OTHER` are units of no signal.
 _NAMED = {
     "time": {"s": 1.0, "sec": 1.0, "ms": 1e-3, "us": 1e-6, "µs": 1e-6, "ns": 1e-9},
-    "position": {"rad": 1.0, "deg": np.pi / 180, "°": np.pi / 180},
+    "position": {"rad": 1.0, "mrad": 1e-3, "deg": np.pi / 180, "°": np.pi / 180, "rev": 2 * np.pi},
     "torque": {"nm": 1.0, "mnm": 1e-3},
-    "velocity": {"rad/s": 1.0, "deg/s": np.pi / 180, "°/s": np.pi / 180, "rpm": np.pi / 30},
+    "velocity": {"rad/s": 1.0, "deg/s": np.pi / 180, "°/s": np.pi / 180, "rpm": np.pi / 30, "rev/s": 2 * np.pi},
 }
 _OTHER = {"a", "ma", "v", "mv", "%", "counts", "ticks", "m", "mm", "n", "w"}
 _UNIT = re.compile(r"[\[(]([^\d\])]*)[\])]|_(rad|deg|nm|s|ms|us|ns|a)(_s)?$")
