@@ -5,6 +5,7 @@ import functools
 import io
 import json
 import re
+import runpy
 from pathlib import Path
 
 import numpy as np
@@ -27,7 +28,6 @@ from benchmarks.run.suite import Suite, load
 from benchmarks.studies import sealed
 from fbl_gym import scenarios
 from fbl_gym.scenarios.class_families import families
-from tests import board_coverage
 
 
 @functools.cache
@@ -217,10 +217,11 @@ def test_the_version_is_of_code_policies_scenarios_and_seeds():
 
 def test_coverage_counts_the_intervals_that_hold():
     found = short_board(8)
-    shares = board_coverage.coverage(found, 2)
+    study = runpy.run_path(str(Path(__file__).parents[2] / "examples" / "board_coverage.py"))
+    shares = study["coverage"](found, 2)
     assert {name: share.shape for name, share in shares.items()} == dict.fromkeys(("error", "lost", "rank"), (2,))
     assert {*np.ravel([*shares.values()])} <= {0.0, 0.25, 0.5, 0.75, 1.0}
-    holds = board_coverage._holds(Estimate(np.ones(2), np.ones(2), np.full(2, 2.0)), Estimate(np.array([2, 3]), 1, 1))
+    holds = study["_holds"](Estimate(np.ones(2), np.ones(2), np.full(2, 2.0)), Estimate(np.array([2, 3]), 1, 1))
     assert holds.tolist() == [1.0, 0.0]
 
 

@@ -1,8 +1,8 @@
 """Check of the board's intervals: how often do they hold the numbers of other seeds?
 
-`python -m tests.board_coverage 512 --policies lqg@tuned l1-adaptive@tuned` runs the
-board's cells with 512 test seeds, makes a board of each 32 of them, and counts how many of its
-intervals hold the numbers of all the others. 95 % of them should.
+`python examples/board_coverage.py 512 --policies lqg@tuned l1-adaptive@tuned` runs the board's
+cells with 512 test seeds, makes a board of each 32 of them, and counts how many of its intervals
+hold the numbers of all the others. 95 % of them should.
 """
 
 import argparse
@@ -45,7 +45,7 @@ def _holds(interval: Estimate, truth: Estimate) -> Array:
 
 def main(argv: Sequence[str] | None = None) -> None:
     """Print the coverage of each quantity, by policy."""
-    parser = argparse.ArgumentParser(prog="python -m tests.board_coverage", description=__doc__)
+    parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("number", type=int, metavar="N", help="number of test seeds in all")
     parser.add_argument("--of", type=int, default=32, metavar="N", help="seeds of a small board (32)")
     parser.add_argument("--suite", default="servo", metavar="SUITE", help="as for `fbl-gym leaderboard`, one (servo)")
