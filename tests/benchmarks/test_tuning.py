@@ -264,7 +264,7 @@ def test_sizes_are_twice_the_given_ones():
     softer = push(soft, "elastic", 2.0, "servo")
     assert ends(softer.link.frequency[0]) == pytest.approx((8**0.5, 32**0.5))
     assert softer.joint.frequency == pytest.approx((8**0.5, 8**0.5))
-    assert push(Scenario(), "elastic", 2.0, "servo") == Scenario()
+    assert all(push(s, "elastic", 2.0, "servo") == s for s in (Scenario(), Scenario(link=1.5)))  # rigid, and too soft
     assert push(Scenario(), "delay", 2.0, "servo").actuator.delay == 0.01
     for robot, lag in (("servo", 0.015), ("direct", 0.002)):
         assert push(Scenario(), "lag", 2.0, robot).actuator.lag == lag
