@@ -151,8 +151,8 @@ def _choose(path: Path, signal: str, items: tuple[str, ...], names: list[str]) -
         else:
             raise unknown(f"column of {signal} of {path} (--signals)", last, names)
     chosen = chosen or dict.fromkeys(of_joints(MEANINGS[signal].split()), 1.0)
-    if signal == "time" and [_plain(name) for name in chosen] in (["sec"], ["secs"]):  # a stamp of ROS
-        return chosen | dict.fromkeys(of_joints(["nanosec", "nsecs"]), 1e-9)
+    if signal == "time" and not items and [_plain(name) for name in chosen] in (["sec"], ["secs"]):  # a stamp of ROS
+        chosen |= dict.fromkeys(of_joints(["nanosec", "nsecs"]), 1e-9)
     return {name: size * (scale if scaled else scale * _factor(path, signal, name)) for name, size in chosen.items()}
 
 

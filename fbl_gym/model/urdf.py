@@ -8,7 +8,7 @@ whatever zeros the file has.
 
 import re
 import warnings
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from typing import Any, NamedTuple
 from xml.etree import ElementTree
 from xml.etree.ElementTree import Element
@@ -17,6 +17,8 @@ from xml.parsers import expat
 import numpy as np
 
 from fbl_gym.model.arm import STANDARD_GRAVITY, ArmParameters, Array
+from fbl_gym.model.bodies import Joint, Mass, Robot
+from fbl_gym.model.mjcf import read_mjcf
 from fbl_gym.reading import read_bytes
 from fbl_gym.records.checks import Pair, check_number, check_pair, unknown
 from fbl_gym.records.record import merged
@@ -36,50 +38,6 @@ _TOLERANCE = 0.01
 
 class RobotFileWarning(UserWarning):
     """Statement on what was read from the file of a robot, and what was neglected."""
-
-
-class _Joint(NamedTuple):
-    """A turning joint at zero angles: the link that it turns, axis and place in the base's frame.
-
-    `numbers` are effort [N m], damping [N m s/rad], friction [N m] and velocity [rad/s]; None: not
-    in the file. `doubts` say what was neglected or guessed. `rotor` is in kg m^2. `driven` is False
-    if the file has drives, and none is of this joint.
-    """
-
-    name: str
-    link: str
-    axis: Array
-    place: Array
-    numbers: tuple[float | None, ...]
-    doubts: tuple[str, ...] = ()
-    rotor: float = 0.0
-    driven: bool = True
-
-
-class _Mass(NamedTuple):
-    """A link's mass [kg], its centre [3] and its inertia about it [3 x 3], in the base's frame."""
-
-    mass: float
-    centre: Array
-    inertia: Array
-
-
-class _Robot(NamedTuple):
-    """A file's content, at zero angles.
-
-    Attributes:
-        parents: the parent of each link, from the base on; None: it has none.
-        joints: that turn or slide, by name; None: it cannot be one of an arm's, and why.
-        frames: link and position [3] of each named frame.
-        mass: returns that of a link.
-        up: against gravity [3] m/s^2.
-    """
-
-    parents: dict[str, str | None]
-    joints: dict[str, _Joint | str]
-    frames: dict[str, tuple[str, Array]]
-    mass: Callable[[str], _Mass]
-    up: Array
 
 
 class RobotFile(NamedTuple):
@@ -153,7 +111,7 @@ def read_robot(path: str) -> RobotFile:
         raise ValueError(f"{file}: {problem}") from None
 
 
-def _arm(robot: _Robot, file: str, names: list[str]) -> RobotFile:
+def _arm(robot: Robot, file: str, names: list[str]) -> RobotFile:
     """Return the arm that some names choose: of a tip, or of two joints and perhaps a tip."""
     joints, tip = (names[:2], names[2:]) if len(names) > 1 else ([], names)
     if len(tip) > 1 or (joints and joints[0] == joints[1]):
@@ -162,7 +120,7 @@ def _arm(robot: _Robot, file: str, names: list[str]) -> RobotFile:
         if name not in robot.joints:
             raise unknown("joint", name, robot.joints)
     found = {name: robot.joints[name] for name in joints or robot.joints}
-    good = [joint for joint in found.values() if isinstance(joint, _Joint)]
+    good = [joint for joint in found.values() if isinstance(joint, Joint)]
     if not len(good) == len(found) == 2:
         got = ", ".join(f"{name} ({joint})" if isinstance(joint, str) else name for name, joint in found.items())
         raise ValueError(
@@ -181,7 +139,7 @@ def _arm(robot: _Robot, file: str, names: list[str]) -> RobotFile:
 
 
 def _planar(
-    robot: _Robot, inner: _Joint, outer: _Joint, bodies: dict[str | None, int], names: list[str], stem: str
+    robot: Robot, inner: Joint, outer: Joint, bodies: dict[str | None, int], names: list[str], stem: str
 ) -> RobotFile:
     """Return the arm of two joints and their bodies; complex numbers are vectors in its plane.
 
@@ -199,7 +157,7 @@ def _planar(
         doubts.append(f"the angle of {tilt:.2g} rad between the axes is neglected")
     plane, acceleration = _plane(axis, robot.up, doubts)
 
-    def body(number: int, joint: _Joint) -> tuple[float, complex, float]:
+    def body(number: int, joint: Joint) -> tuple[float, complex, float]:
         """Return mass, centre of mass from the joint and inertia about the joint."""
         parts = [robot.mass(link) for link in robot.parents if bodies[link] == number]
         mass = float(sum(part.mass for part in parts))
@@ -264,7 +222,7 @@ def _plane(axis: Array, up: Array, doubts: list[str]) -> tuple[Array, float]:
     return np.cross(y, axis) + 1j * y, upright * size
 
 
-def _limit(inner: _Joint, outer: _Joint, doubts: list[str]) -> tuple[float | None, ...]:
+def _limit(inner: Joint, outer: Joint, doubts: list[str]) -> tuple[float | None, ...]:
     """Return the largest torques of two joints, 0 without a drive; None: not in the file."""
     limit = inner.numbers[0], outer.numbers[0]
     limit = limit if any(limit) else (None, None)
@@ -308,7 +266,7 @@ def _tip(
 # The robot of a file.
 
 
-def _read(path: str) -> _Robot:
+def _read(path: str) -> Robot:
     text = read_bytes(path)
     # Without namespaces, whose prefixes may be undeclared.
     builder, parser = ElementTree.TreeBuilder(), expat.ParserCreate()
@@ -316,7 +274,7 @@ def _read(path: str) -> _Robot:
     parser.Parse(_BEFORE.sub(b"", text), True)
     root = builder.close()
     if root.tag == "mujoco":
-        return _read_mujoco(path)
+        return read_mjcf(path)
     if root.tag != "robot":
         raise ValueError(f"the root must be <robot>, or <mujoco>, got <{root.tag}>")
     if any(re.match("xacro:(?!property$|arg$)", element.tag) for element in root.iter()):  # those two do nothing alone
@@ -324,7 +282,7 @@ def _read(path: str) -> _Robot:
     return _read_urdf(root)
 
 
-def _read_urdf(root: Element) -> _Robot:
+def _read_urdf(root: Element) -> Robot:
     links, waiting = _named(root, "link"), _named(root, "joint")
     driven = {joint.get("name") for joint in root.findall("transmission/joint")} or set(waiting)
     ends: dict[str, tuple[str, str]] = {}
@@ -353,7 +311,7 @@ def _read_urdf(root: Element) -> _Robot:
             joints[name] = _read_joint(joint, kind, child, poses[child], name in driven)
     frames = {name: (name, pose[:3, 3]) for name, pose in poses.items()}
     up = np.array([0.0, 0.0, STANDARD_GRAVITY])
-    return _Robot(parents, joints, frames, lambda name: _read_mass(links[name], poses[name]), up)
+    return Robot(parents, joints, frames, lambda name: _read_mass(links[name], poses[name]), up)
 
 
 def _named(root: Element, tag: str) -> dict[str, Element]:
@@ -366,7 +324,7 @@ def _named(root: Element, tag: str) -> dict[str, Element]:
     return elements
 
 
-def _read_joint(joint: Element, kind: str, link: str, pose: Array, driven: bool) -> _Joint | str:
+def _read_joint(joint: Element, kind: str, link: str, pose: Array, driven: bool) -> Joint | str:
     """Return a joint, or why it is no joint of an arm."""
     if kind not in ("revolute", "continuous"):
         return kind
@@ -380,19 +338,19 @@ def _read_joint(joint: Element, kind: str, link: str, pose: Array, driven: bool)
     names = ("effort", "damping", "friction", "velocity")
     effort, *numbers = (_number(f"{key} of {of}", texts[key]) if key in texts else None for key in names)
     effort = effort if effort is not None and 0.0 <= effort < np.inf else None  # -1 stands for none, too
-    return _Joint(joint.attrib["name"], link, pose[:3, :3] @ axis, pose[:3, 3], (effort, *numbers), driven=driven)
+    return Joint(joint.attrib["name"], link, pose[:3, :3] @ axis, pose[:3, 3], (effort, *numbers), driven=driven)
 
 
-def _read_mass(link: Element, pose: Array) -> _Mass:
+def _read_mass(link: Element, pose: Array) -> Mass:
     inertial, of = link.find("inertial"), f"link {link.get('name')!r}"
     if inertial is None:
-        return _Mass(0.0, np.zeros(3), np.zeros((3, 3)))
+        return Mass(0.0, np.zeros(3), np.zeros((3, 3)))
     inertia, mass = (_child(inertial, name, of) for name in ("inertia", "mass"))
     moments = {name: _number(f"{name} of {of}", value) for name, value in inertia.attrib.items()}
     matrix = [[moments.get("i" + "".join(sorted(row + column)), 0.0) for column in "xyz"] for row in "xyz"]
     pose = pose @ _read_pose(inertial, of)
     turn = pose[:3, :3]
-    return _Mass(_number(f"mass of {of}", _attribute(mass, "value", of)), pose[:3, 3], turn @ np.array(matrix) @ turn.T)
+    return Mass(_number(f"mass of {of}", _attribute(mass, "value", of)), pose[:3, 3], turn @ np.array(matrix) @ turn.T)
 
 
 def _number(name: str, text: str) -> float:
@@ -436,62 +394,3 @@ def _attribute(element: Element, name: str, of: str) -> str:
     if name not in element.attrib:
         raise ValueError(f"{of} must have a {name!r} in its <{element.tag}>, got {element.attrib}")
     return element.attrib[name]
-
-
-def _read_mujoco(path: str) -> _Robot:
-    try:
-        import mujoco
-    except ImportError:
-        raise ValueError("MuJoCo's XML needs the extra: pip install 'fbl-gym[mujoco]'") from None
-    model = mujoco.MjModel.from_xml_path(path)
-    data = mujoco.MjData(model)
-    data.qpos[:] = 0.0 if model.nq == model.nv else model.qpos0
-    mujoco.mj_kinematics(model, data)
-    links = [model.body(i).name or f"body {i}" for i in range(model.nbody)]
-    joints: dict[str, _Joint | str] = {}
-    for i in range(model.njnt):
-        name, dof = model.joint(i).name or f"joint {i}", model.jnt_dofadr[i]
-        driven, effort, *doubts = _effort(model, i, name)
-        doubts += [f"the spring of {name} is neglected"] if model.jnt_stiffness[i] else []
-        numbers = effort, float(model.dof_damping.flat[dof]), float(model.dof_frictionloss[dof]), None
-        joint = name, links[model.jnt_bodyid[i]], data.xaxis[i].copy(), data.xanchor[i].copy(), numbers, tuple(doubts)
-        hinge = model.jnt_type[i] == mujoco.mjtJoint.mjJNT_HINGE
-        joints[name] = _Joint(*joint, float(model.dof_armature[dof]), driven) if hinge else "no hinge"
-    sites = {model.site(i).name: (links[model.site_bodyid[i]], data.site_xpos[i].copy()) for i in range(model.nsite)}
-    turns = data.ximat.reshape(-1, 3, 3)
-    inertias = np.einsum("nij,nj,nkj->nik", turns, model.body_inertia, turns)
-    masses = dict(zip(links, map(_Mass, map(float, model.body_mass), data.xipos, inertias), strict=True))
-    parents = {link: links[model.body_parentid[i]] if i else None for i, link in enumerate(links)}
-    frames = {link: (link, data.xpos[i].copy()) for i, link in enumerate(links)} | sites
-    return _Robot(parents, joints, frames, masses.__getitem__, -model.opt.gravity)
-
-
-def _effort(model: Any, joint: int, name: str) -> tuple[Any, ...]:
-    """Return whether a joint is driven, its largest torque, None without a limit, and doubts.
-
-    The control of a motor is a force; that of a servo, such as a position, tells none. Forces act
-    through the gear. Those of several actuators at one joint add up.
-    """
-    from mujoco import mjtBias, mjtDyn, mjtGain, mjtTrn
-
-    drives = np.isin(model.actuator_trntype, (mjtTrn.mjTRN_JOINT, mjtTrn.mjTRN_JOINTINPARENT))
-    own = np.flatnonzero(drives & (model.actuator_trnid[:, 0] == joint))
-    if not len(own):
-        return not drives.any(), None
-    torques = np.zeros(2)
-    for i in own:
-        force = np.array([-np.inf, np.inf])
-        kinds = model.actuator_gaintype[i], model.actuator_biastype[i], model.actuator_dyntype[i]
-        motor = kinds == (mjtGain.mjGAIN_FIXED, mjtBias.mjBIAS_NONE, mjtDyn.mjDYN_NONE)
-        if motor and model.actuator_ctrllimited[i]:
-            force = np.sort(model.actuator_gainprm[i, 0] * model.actuator_ctrlrange[i])
-        if model.actuator_forcelimited[i]:
-            force = np.clip(force, *model.actuator_forcerange[i])
-        torques = torques + np.sort(force * model.actuator_gear[i, 0])
-    low, high = np.clip(torques, *model.jnt_actfrcrange[joint]) if model.jnt_actfrclimited[joint] else torques
-    if not np.isfinite((low, high)).all():
-        return True, None, f"the actuators of {name} have no range of forces: it has no torque limit"
-    effort = float(max(-low, high))
-    if abs(low + high) <= 1e-9:
-        return True, effort
-    return True, effort, f"the torque of {name} lies within {low:g} and {high:g} N m, and the larger bound is taken"
