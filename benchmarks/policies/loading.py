@@ -61,7 +61,7 @@ def load(name: PolicyName) -> Callable[..., Any]:
         search = f"`fbl-gym tune {name.law} --class CLASS` finds some, for {name.law}@results/gains"
         raise NotFound(f"{name.law} has no gains that come with fbl-gym: {search}")
     if name.form in ("archive", "file") and not path.is_file():
-        raise NotFound(f"policy must name a file that exists, but there is no file {path}, from {Path.cwd()}")
+        raise NotFound(f"policy must name a file that exists, but there is no file {path} (in {Path.cwd()})")
     if name.form == "file" and place(str(path.resolve())) == "ours":
         module = ".".join(path.resolve().relative_to(ROOT).with_suffix("").parts)
         raise NotFound(f"policy must be a module where it is one of fbl-gym, {module}:CLASS, got the file {path}")

@@ -88,7 +88,7 @@ class Store:
         folder = self.folder.absolute()
         first = next(path for path in (folder, *folder.parents) if os.path.lexists(path))
         if not first.is_dir():
-            raise ValueError(f"store must be a folder, or the path of a new one, got {self.folder}: {first} is none")
+            raise ValueError(f"store must be a folder, or the path of a new one, got {self.folder}: {first} is a file")
 
     def path(self, cell: Cell) -> Path:
         """Return the file of a cell's result."""
