@@ -1,5 +1,6 @@
 """Files of users: only regular files of a bounded size are opened."""
 
+import codecs
 import gzip
 import io
 import stat
@@ -32,8 +33,13 @@ def read_bytes(path: str | Path, most: int = LARGEST) -> bytes:
 
 
 def read_text(path: str | Path) -> str:
-    """Return the text of a regular file in UTF-8, whose lines end in newlines on any machine."""
+    """Return the text of a regular file, whose lines end in newlines on any machine.
+
+    It is in UTF-8, or in UTF-16 with a byte order mark.
+    """
+    content = read_bytes(path)
     try:
-        return io.StringIO(read_bytes(path).decode("utf-8"), newline=None).read()
+        codec = "utf-16" if content[:2] in (codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE) else "utf-8"
+        return io.StringIO(content.decode(codec), newline=None).read()
     except UnicodeDecodeError as problem:
         raise ValueError(f"{path} must be text in UTF-8: {problem}") from None

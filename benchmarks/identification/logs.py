@@ -5,6 +5,7 @@ import itertools
 import math
 import re
 import warnings
+import zipfile
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -22,8 +23,8 @@ from fbl_gym.records.checks import unknown
 # Names of each signal's columns, without units and joints' numbers, the best first.
 # A command is what the drive was told; it goes before a torque, which may be the one that acted.
 MEANINGS = {
-    "time": "time t timestamp seconds sec secs",
-    "position": "measuredposition posmeas position pos q theta angle θ",
+    "time": "time t timestamp stamp seconds sec secs",
+    "position": "measuredposition posmeas actualposition presentposition actualq position pos q theta angle θ",
     "torque": "command torquecommand taucmd taucon u torque tau effort τ",
     "velocity": "measuredvelocity velmeas velocity vel dq qdot",
 }
@@ -40,6 +41,7 @@ _NAMED = {
 }
 _OTHER = {"a", "ma", "v", "mv", "%", "counts", "ticks", "m", "mm", "n", "w"}
 _UNIT = re.compile(r"[\[(]([^\d\])]*)[\])]|_(rad|deg|nm|s|ms|us|ns|a)(_s)?$")
+_JOINT = re.compile(r"(?:joint|axis|motor|j)[ _]?(\d)(?!\d)|(shoulder)|elbow")
 
 SMOOTHING = 0.06  # time over which positions are smoothed by a cubic polynomial [s]
 STEP = 0.004  # time between two samples after reading, of logs that are no slower [s]
@@ -103,9 +105,12 @@ def columns(texts: Iterable[str]) -> Columns:
 
 
 def _plain(name: str) -> str:
-    """Return a column's name without path, unit and punctuation."""
+    """Return a column's name without path, unit and punctuation; the joint's number comes last."""
     name = _UNIT.sub("", name.strip().lower())
-    return re.sub(r"[^\w\u0300-\u036f]|_", "", re.split(r"[/.]", name)[-1])  # accents count: q is not its rate
+    last = re.split(r"[/.]", name)[-1]
+    if joint := _JOINT.search(name):
+        last = _JOINT.sub("", last) + (joint[1] or ("1" if joint[2] else "2"))
+    return re.sub(r"[^\w\u0300-\u036f]|_", "", last)  # accents count: q is not its rate
 
 
 def _factor(path: Path, signal: str, name: str) -> float:
@@ -177,7 +182,7 @@ def _signals(path: Path, table: Any, mapping: Columns) -> tuple[dict[str, Array]
 
 
 def read(path: Path, mapping: Columns | None = None, zero: Sequence[float] = (0.0, 0.0)) -> Log:
-    """Return the log of a file: a text with columns, perhaps packed with gzip, .mat or .parquet.
+    """Return the log of a file: a text with columns, perhaps in .gz; or .mat, .npz or .parquet.
 
     Args:
         path: of the file.
@@ -190,7 +195,7 @@ def read(path: Path, mapping: Columns | None = None, zero: Sequence[float] = (0.
     try:
         with warnings.catch_warnings(action="error"):
             table = _read_table(path)
-    except (ValueError, Warning, ImportError, NotImplementedError) as problem:
+    except (ValueError, Warning, ImportError, NotImplementedError, zipfile.BadZipFile) as problem:
         raise ValueError(f"{path} must be a table with a header and equal lines: {problem}") from None
     if len(table) < 200:
         raise ValueError(f"{path} must have 200 samples or more, got {len(table)}")
@@ -230,8 +235,10 @@ def _read_table(path: Path) -> Any:
     """
     if path.suffix.lower() == ".parquet":
         table = pd.read_parquet(io.BytesIO(read_bytes(path)))
-    elif path.suffix.lower() == ".mat":
-        fields = {name: value for name, value in loadmat(io.BytesIO(read_bytes(path))).items() if np.ndim(value) == 2}
+    elif path.suffix.lower() in (".mat", ".npz"):
+        load = loadmat if path.suffix.lower() == ".mat" else np.load
+        given = {name: np.atleast_2d(value) for name, value in load(io.BytesIO(read_bytes(path))).items()}
+        fields = {name: value for name, value in given.items() if value.ndim == 2 and value.dtype.kind in "biuf"}
         tall = {name: pd.DataFrame(value if len(value) >= len(value.T) else value.T) for name, value in fields.items()}
         for name, value in tall.items():
             value.columns = [name] if len(value.columns) == 1 else [f"{name}_{i}" for i in value]
@@ -252,8 +259,11 @@ def _numbers(column: Any) -> Any:
 
 
 def _read_text(text: str) -> Any:
-    """Return the table of a text, whatever its separators, comments and decimal signs are."""
-    lines = {n: line for n, line in enumerate(text.lstrip("\ufeff").split("\n"), 1) if line.strip()}
+    """Return the table of a text, whatever its separators, comments and decimal signs are.
+
+    A last line without line break may be cut, and is left out.
+    """
+    lines = {n: line for n, line in enumerate(text.lstrip("\ufeff").split("\n")[:-1], 1) if line.strip()}
     rows = {n: line for n, line in lines.items() if line.lstrip()[0] not in "#%"}
     first = min(rows, default=0)
     separator = next((each for each in ";\t|," if each in rows.get(first, "")), r"\s+")

@@ -76,7 +76,7 @@ ROS = "%time,field.position0,field.position1,/joint_states/effort[0],/joint_stat
 def stamped(text, stamp, name):
     """Return the text of a log with other times."""
     rows = [line.split(",", 1) for line in text.splitlines()]
-    return "\n".join([f"{name},{rows[0][1]}", *(f"{stamp(float(time))},{rest}" for time, rest in rows[1:])])
+    return "\n".join([f"{name},{rows[0][1]}", *(f"{stamp(float(time))},{rest}" for time, rest in rows[1:]), ""])
 
 
 @pytest.mark.parametrize(("change", "factors", "signals"), [
@@ -91,6 +91,7 @@ def stamped(text, stamp, name):
     (lambda t: t, [1, DEGREES, DEGREES, -1, 1 / 0.091], ["position=deg", "torque=-torque_1_Nm,0.091*torque_2_Nm"]),
     (lambda t: t.replace(HEADER, "t,a,b,tau1,tau2"), [1, DEGREES, 1, -1, -1], ["torque=-tau", "position=deg*a,b"]),
     (lambda t: t.replace(HEADER, ROS), 1, []),
+    (lambda t: t.replace(HEADER, "stamp,/joint_1/pos,elbow_pos,j1_effort,elbow.effort") + "6.0,0.1,0.1,0", 1, []),
     (lambda t: t.replace(HEADER, "t,θ1,θ2,τ1,τ2"), 1, []),
     (lambda t: t.replace("time_s", "time [ms]"), [1e3, 1, 1, 1, 1], ["time=ms"]),
     (lambda t: t.replace(HEADER, "t,q1,q2,u1,u2"), [1, 1, 1, 0.1, 0.1], ["torque=10*A"]),
@@ -103,26 +104,26 @@ def stamped(text, stamp, name):
 def test_logs_as_people_have_them(rows, tmp_path, change, factors, signals):
     first = read(write(tmp_path / "run.csv", rows[0]))
     path = write(tmp_path / "other.csv", rows[0] * factors)
-    path.write_text(change(path.read_text()), newline="")
+    path.write_text(change(path.read_text()), newline="", encoding="utf-16" if signals else "utf-8")
     log = read(path, columns(signals), (0.5, 0.0))
-    assert log.position == pytest.approx(first.position + (0.5, 0.0), abs=1e-8)
-    assert log.torque == pytest.approx(first.torque, abs=1e-8)
+    assert np.c_[log.position - (0.5, 0), log.torque] == pytest.approx(np.c_[first.position, first.torque], abs=1e-8)
     assert ("taken to be in" in log.remarks[0]) == (log.remarks[0].count("in ms") + log.remarks[0].count("in us") > 0)
 
 
 def test_logs_of_matlab_and_traces(rows, tmp_path):
     """The readings and the commands of a trace are meant, not what acted."""
-    savemat(tmp_path / "run.mat", {"t": rows[0][:, 0], "q1": rows[0][:, 1], "q2": rows[0][:, 2], "u": rows[0][:, 3:].T})
+    named = {"t": rows[0][:, 0], "q1": rows[0][:, 1], "q2": rows[0][:, 2], "u": rows[0][:, 3:].T}
+    savemat(tmp_path / "run.mat", named)
+    np.savez(tmp_path / "run.npz", **named)
     matlab = read((tmp_path / "run.mat").rename(tmp_path / "run.MAT"))
+    assert read(tmp_path / "run.npz").rows == matlab.rows
     assert matlab.position == pytest.approx(read(write(tmp_path / "a.csv", rows[0])).position)
     assert {read(write(tmp_path / "a.csv", rows[0] * [x, 1, 1, 1, 1])).dt for x in (5.02, 5.03)} == {0.01}  # 10.04 ms
     more = np.hstack([rows[0], rows[0][:, 1:] + 1.0])
     measured = ("measured_position_1_rad", "measured_position_2_rad", "command_1_Nm", "command_2_Nm")
     trace = write(tmp_path / "b.csv", more, (*NAMES, *measured))
     assert read(trace).remarks[0] == f"columns time_s; {', '.join(measured[:2])}; {', '.join(measured[2:])}"
-    late = np.c_[
-        more[:, :7], np.roll(more[:, 7:], 1, axis=0), more[:, 0]
-    ]  # a trace's row has the command of the one before
+    late = np.c_[more[:, :7], np.roll(more[:, 7:], 1, axis=0), more[:, 0]]  # with the command of the row before
     late = read(write(tmp_path / "c.csv", late, (*NAMES, *measured, "alive"))).torque[:-1]
     assert late == pytest.approx(read(trace).torque[:-1], abs=1e-8)
     for text, message in (
@@ -146,9 +147,8 @@ def test_a_logged_velocity_is_that_of_the_positions(rows, tmp_path):
     with pytest.raises(ValueError, match=r"velocity 1 must be that of position 1, but is 5[67]\.\d times as fast"):
         read(wrong)
     named = [name.replace("velocity", "dq") + "[deg/s]" * ("vel" in name) for name in names]
-    assert (
-        "velocity: measured" in read(write(tmp_path / "c.csv", np.hstack([rows[0], DEGREES * slope]), named)).remarks[2]
-    )
+    degrees = write(tmp_path / "c.csv", np.hstack([rows[0], DEGREES * slope]), named)
+    assert "velocity: measured" in read(degrees).remarks[2]
     assert "not logged" in read(wrong, columns(["velocity="])).remarks[2]
 
 
