@@ -24,12 +24,13 @@ from fbl_gym.scenarios.class_families import BOX
 
 ALGORITHMS = ("ppo", *sb3.ALGORITHMS)
 
-# Motions to train on beside those of the scenarios: a slow one, and moves with rests, in a part and
-# in the whole of the boards' box.
+# Motions to train on beside those of the scenarios: a slow one; moves with rests, in a part and in
+# the whole of the boards' box; and moves faster than weak drives can follow.
 MOTIONS = (
     FourierReference(amplitude=(0.8, 1.0), frequency=0.1, harmonics=3),
     FilteredSteps(period=1.7, bandwidth=4.0),
     FilteredSteps(*BOX, period=1.7, bandwidth=Distribution(uniform=(3.0, 5.5))),
+    FilteredSteps(*BOX, period=1.0, bandwidth=Distribution(uniform=(4.0, 9.0))),
 )
 
 # Starts with these motions, so far off that the agent learns to come back.
