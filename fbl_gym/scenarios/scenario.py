@@ -132,6 +132,9 @@ class Scenario(Option):
 
     def validate(self) -> None:
         """Refuse times that do not divide, too many steps, and options that do not fit together."""
+        for name in ("name", "description"):
+            if not isinstance(text := getattr(self, name), str):
+                raise ValueError(f"{name} must be a text, got {text!r}")
         if "position" not in self.sensors:
             raise ValueError(f"sensors must include 'position', got {self.sensors}")
         self.check_multiple("control_dt", self.control_dt, "physics_dt", least=1)
