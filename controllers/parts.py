@@ -257,7 +257,7 @@ class Barrier(Record):
     of the sampled motion at z = exp(-d dt), since the torque is held for dt. All bounds together
     are a box for the acceleration. "Nearest" refers to the acceleration under the nominal model, so
     the solution of the quadratic program is the nearest point of a box: the wanted acceleration,
-    clipped. Within the constraints of the interface, the torque is returned unchanged.
+    clipped. Where the wanted acceleration lies in the box, the torque is returned unchanged.
 
     The bounds hold for an exact model, exact readings, a drive without delay that can give the
     torque, and a fast rate. They also need a start inside, slow enough to brake: h' + d h >= 0.

@@ -3,8 +3,8 @@
     python examples/outside_class.py servo
 
 Each row changes one thing of the class's nominal scenario: the drive is a sample later than its
-data sheet states; all runs at half the rate; joints have springs, slower than any of the board;
-links bend, slower than those of the board. It shows the errors of the board's first five policies
+data sheet states; all runs at half the rate; joints have slow springs; links bend, slower than
+those of the board. It shows the errors of the board's first five policies
 as multiples of the least error of all, the share of their runs that diverged, and Kendall's tau
 between the errors of all ranked policies and those on the board.
 """

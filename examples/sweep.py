@@ -18,7 +18,7 @@ task = scenarios.get("servo-nominal")
 for policy in ("computed-torque@tuned", "computed-torque-dob@tuned", "sliding-mode@tuned"):
     errors = []
     for delay in DELAYS:
-        late = task.replace(actuator=replace(task.actuator, delay=delay), datasheet={"delay": 0.0})
+        late = task.replace(actuator=replace(task.actuator, delay=delay), datasheet={"delay": task.control_dt})
         errors.append(benchmarks.evaluate(policy, late, seeds=8).error_pct.median())
     plt.plot(DELAYS, errors, label=policy)
 plt.xlabel("delay [s]")

@@ -51,7 +51,7 @@ class ComputedTorqueEso(TorqueLaw):
         return Eso(self.interface.control_dt, self.observer_bandwidth)
 
     def initial(self, observation: Array) -> State:
-        """Return the state: at rest, under the torque that the model needs for it."""
+        """Return the state: at the reference's velocity, held by the model's torque at rest."""
         q, v = self.read(observation, "position", "reference_velocity")
         hold = self.interface.saturate(self.inverse(q, np.zeros_like(q), np.zeros_like(q)))
         return EsoState(self.observer.initial(q, v), self.drive.hold(hold))

@@ -2,8 +2,8 @@
 
 `numpy.linalg` passes the lanes to LAPACK one by one, which is slow and differs in the last bits
 between machines. Here the inner loops run over lanes and vectorise, and a lane has the same bits
-alone and in a batch. The file calls nothing that is compiled elsewhere, because Numba's cache
-notices a change in this file only.
+alone and in a batch. The file calls nothing that is compiled elsewhere in `controllers`, because
+the cache of compiled code notices changes in this file and in `fbl_gym` only.
 """
 
 import numpy as np

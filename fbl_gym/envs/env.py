@@ -85,8 +85,8 @@ class TwoLinkArmEnv(TaskProperties, gym.Env[Any, Any]):
     * `scenario`: a name (`fbl_gym.scenarios.names()`), a `Scenario` or its dict; None: the nominal
       arm.
     * `**options`: fields of `Scenario` that replace the scenario's: `arm`, `parameter_error`,
-      `noise`, `encoder`, `friction`, `disturbance`, `actuator`, `joint`, `datasheet`, `events`,
-      `sensors`, `reference`, `control_dt`, `physics_dt`, `duration`, `initial_error`,
+      `noise`, `encoder`, `friction`, `disturbance`, `actuator`, `joint`, `link`, `datasheet`,
+      `events`, `sensors`, `reference`, `control_dt`, `physics_dt`, `duration`, `initial_error`,
       `initial_velocity`, `limits`, `constraints`, `plant`, `drawn_per`. Each is a record or the
       plain data that makes one. Most numbers may be a `Distribution`, drawn per episode, or once
       for each seed with `drawn_per="seed"`. None switches an option off. `fbl-gym list

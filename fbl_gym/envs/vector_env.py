@@ -196,10 +196,10 @@ class TwoLinkArmVectorEnv(TaskProperties, VectorEnv[Array, Array, Array]):
         return self._batch.truth()
 
     def true_signals(self) -> dict[str, Array]:
-        """Return the fields of `truth` that a recording needs, without computing the others.
+        """Return the true signals that a recording needs, without computing the rest of `truth`.
 
-        They are `position`, `velocity`, `reference`, `applied_torque` and `disturbance`,
-        [lanes x 2], and `payload`, [lanes].
+        They are `position`, `velocity`, `reference`, `applied_torque`, `disturbance` and the last
+        `command`, [lanes x 2], and `payload`, [lanes].
         """
         self._expect_begun("reading true_signals")
         return self._batch.true_signals()

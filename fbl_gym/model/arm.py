@@ -140,7 +140,7 @@ class ArmParameters(Option):
             gravity: acceleration of gravity [m/s^2]; 0 for a horizontal arm, with p4 = p5 = 0.
 
         Raises:
-            ValueError: if no arm has these parameters.
+            ValueError: if no two point masses have these parameters, as where a link is balanced.
         """
         p1, p2, p3, p4, p5 = (float(p) for p in np.asarray(lumped, dtype=float))
         L1, L2 = length

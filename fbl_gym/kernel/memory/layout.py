@@ -99,7 +99,7 @@ RUNNING, ENDED, RESTART = 0.0, 1.0, 2.0
 # Kinds of distributions.
 UNIFORM, LOG_UNIFORM, CHOICE = range(3)
 
-#: Largest number of columns of an observation, without its preview.
+#: Largest number of columns of an observation, without preview and previous actions.
 COLUMNS = 14
 
 
