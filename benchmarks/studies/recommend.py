@@ -1,10 +1,9 @@
 """The policies to use on an arm that is described by a scenario.
 
 Policies run in the scenario. The best laws among them may be tuned for it. The best policies then
-run in conditions around it. In each of these, one kind of uncertainty is twice as large. The order
-is that of the penalized error, as on a board; a condition costs at most as much as the motionless
-baseline. The scenario itself counts as much as all its
-conditions together.
+run in conditions around it. In each of these, one kind of uncertainty is larger, most often twice
+as large. The order is that of the penalized error, as on a board; a condition costs at most as much
+as the motionless baseline. The scenario itself counts as much as all its conditions together.
 """
 
 import math

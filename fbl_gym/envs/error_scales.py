@@ -65,7 +65,7 @@ class ErrorScales:
         parts = []
 
         def add(entries: Any, less: Any = -1, offset: Any = 0.0, scale: Any = 1.0, bound: Any = _CLIP) -> None:
-            """Add the columns of entries for `kernel.step.api.subtract_and_scale`; None: of none."""
+            """Add the columns of entries, see `columns`; None: of none."""
             if entries is not None:
                 numbers = (entries, less, offset, scale, bound)
                 parts.append(np.stack([np.resize(value, entries.size) for value in numbers], axis=1))
