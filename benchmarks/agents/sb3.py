@@ -93,7 +93,7 @@ def statistics(path: Path) -> list[Path]:
     The nearest counts: that of the same checkpoint (SB3's `CheckpointCallback`), `vecnormalize.pkl`
     in the folder of the archive's name (rl_zoo3), and `vecnormalize.pkl` beside the archive.
     """
-    checkpoint = re.sub(r"(\d+_steps)$", r"vecnormalize_\1", path.stem) + ".pkl"
+    checkpoint = re.sub(r"(\d+_steps)$", r"vecnormalize_\1.pkl", path.stem)  # else the stem, which is no such file
     names = (checkpoint, f"{path.stem}/vecnormalize.pkl", "vecnormalize.pkl")
     return [file for file in map(path.parent.joinpath, names) if file.is_file()][:1]
 

@@ -64,7 +64,7 @@ def _print(fit: Fit) -> None:
     trials = []
     for term, ratio in fit.trials.items():
         kept = " and ".join(f"{fit.parameters[INDEX[name]]:.3g}" for name in TERMS[term])
-        verdict = "stays" if TERMS[term][0] in fit.free else f"left out: the scenario keeps the start's {kept}"
+        verdict = "stays" if TERMS[term][0] in fit.free else f"left out: {kept} in the scenario"
         trials.append(f"{term} {100 * ratio - 100:+.0f} % ({verdict})")
     say(f"error on windows that were not fitted, with each term: {', '.join(trials)}")
     say(f"Not identifiable by any motion: the first rotor apart from p1. {result.scale_of(fit)}.")

@@ -58,7 +58,7 @@ def run(arguments: argparse.Namespace) -> int:
     terminal.leaderboards(terminal.Screen(), boards, *some)
     write(arguments.tex, "table", lambda path: write_board(path, boards[suites[0].name], command_line()))
     first = f"the first {SHOWN} of each board; " if arguments.short else ""
-    say(f"{first}results: {arguments.store}; a page of them: fbl-gym report, with the same arguments")
+    say(f"{first}results: {arguments.store}; a page of them: fbl-gym report, of the same suite, policies and seeds")
     return int(any(counts(result.error) for result in results.values()))
 
 
@@ -70,7 +70,7 @@ def boards_of(suites: Sequence[Suite], results: Mapping[Cell, Result]) -> dict[s
 def counts(error: str) -> bool:
     """Return True if an error counts as a failure. An absent extra, sensor or drive does not."""
     expected = ("DependencyNotInstalled", "needs a sensor of", "needs both drives", "needs an arm that hangs")
-    return bool(error) and not any(each in error for each in expected)
+    return bool(error) and not any(each in error for each in (*expected, "not applicable"))
 
 
 def compare_worlds(suite: Suite, arguments: argparse.Namespace) -> int:

@@ -169,7 +169,7 @@ def file_path(endings: Sequence[str], text: str) -> Path:
 TYPES: dict[str, Callable[[str], Any]] = {
     "int": int, "float": float, "Path": Path, "count": count,
     "episodes": partial(count, most=len(SPLITS["test"]), why=", the test seeds there are"),
-    "processes": partial(count, most=max(64, 4 * CORES), why=", four for each core"),
+    "processes": partial(count, most=max(64, 4 * CORES), why=", or four for each core"),
     "degrees": partial(bounded, 180.0), "samples": partial(bounded, 1e3),
 }  # fmt: skip
 

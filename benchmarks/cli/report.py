@@ -21,8 +21,10 @@ def run(arguments: argparse.Namespace) -> int:
     suites, store, out = suites_of(arguments), Store(arguments.store), arguments.out
     results = {suite.name: [*filter(None, map(store.find_any, suite.cells))] for suite in suites}
     if not any(results.values()):
-        raise ValueError(f"{store.folder} lacks these results: run `fbl-gym leaderboard` with the same arguments")
-    boards = {suite.name: assemble(results[suite.name], suite.cells) for suite in suites}
+        raise ValueError(
+            f"{store.folder} lacks these results: run `fbl-gym leaderboard` of the same suite, policies and seeds"
+        )
+    boards = {suite.name: assemble(results[suite.name], suite.cells) for suite in suites if results[suite.name]}
     terminal.leaderboards(terminal.Screen(), boards)
     for name, board in boards.items():
         folder = out / name if len(suites) > 1 else out

@@ -44,7 +44,7 @@ def _scenarios(arguments: argparse.Namespace, usual: Sequence[str]) -> tuple[Sce
     tasks = distinguish(expand(arguments.scenarios or usual))
     for task in tasks:
         if reason := scenarios.held_out_reason(task):
-            raise ValueError(f"{task.name} is for judging alone: {reason}; change that, or use the tier practice")
+            raise ValueError(f"{task.name} is for judging alone: {reason}; change that, or leave out --scenarios")
     return tasks
 
 

@@ -13,12 +13,12 @@ from fbl_gym.model.arm import Array
 def _decay(v: Values) -> tuple[Array, float, str, Panel]:
     """Return each joint's time to 1 % over exp(-Kp t)'s [2], overshoot [%], text and picture.
 
-    The arm hangs, E(0) is 0.1 rad, and the torque has no limit. (10) assumes a perfect inner loop.
+    The arm hangs at first, and the torque has no limit. (10) assumes a perfect inner loop.
     Feed-forward 1 adds the derivative of the velocity reference, r'' + Kp (r' - v).
     """
     kp, feedforward = number(v["Kp"]), number(v["feed-forward of the acceleration"])
     duration = round(min(1.0 + 10.0 / kp, 6.0), 3)
-    hanging = scenarios.get("nominal").replace(actuator=None, reference=HANGING, initial_error=0.1)
+    hanging = scenarios.get("nominal").replace(actuator=None, reference=HANGING, initial_error=number(v["E(0)"]))
     trace = run("cascade-flm", at_rate(hanging, "10 kHz", duration=duration), kp=kp, feedforward=feedforward)
     error = (trace.reference - trace.position)[:, 0]
     parts = error / error[0]
@@ -59,10 +59,11 @@ def _figure_4(v: Values) -> tuple[str, Scenario, float]:
     return "robust-flm" if v["filter"] == "on" else "cascade-flm", scenario, number(v["Kp"])
 
 
-def _rows(v: Values) -> Rows:
-    """Return the metrics of figure 4."""
+def _rows(v: Values, factor: float = 1.0) -> Rows:
+    """Return the metrics of figure 4, with the inner loop's gains times a factor."""
     policy, scenario, kp = _figure_4(v)
-    return metrics(policy, scenario, SEEDS, kp=kp)
+    inner = {"velocity_p": (30.0 * factor, 35.0 * factor), "velocity_i": (13.0 * factor, 20.0 * factor)}
+    return metrics(policy, scenario, SEEDS, kp=kp, **inner)
 
 
 def figure_4a(v: Values) -> Outcome:
@@ -70,6 +71,15 @@ def figure_4a(v: Values) -> Outcome:
     times = np.median(noisy["variation"] / clean["variation"])
     text = f"mean error {percents(noisy['error_pct'])}{diverged(noisy)}, {percents(clean['error_pct'])} without noise; "
     return Outcome(noisy["error_pct"] > 1.5 * clean["error_pct"], f"{text}{times:.3g} times the torque's variation")
+
+
+def gains_noise(v: Values) -> Outcome:
+    grown, texts = [], []
+    for factor in (10.0, 1.0):
+        noisy, clean = (_rows(each, factor)["error_pct"] for each in (v, {**v, "noise": "none"}))
+        grown.append(noisy / clean)
+        texts.append(f"mean error {percents(noisy)} with gains times {factor:g}, {percents(clean)} without noise")
+    return Outcome(grown[0] > 1.5 * grown[1], "; ".join(texts))
 
 
 def figure_4b_filter(v: Values) -> Outcome:

@@ -1,9 +1,9 @@
 """Policies by name: `resolve` turns a name into a `PolicySpec`, which everything else works with.
 
 `controllers.name.PolicyName` is the name, read once from its text. `loading.load` turns it into the
-policy's factory, and `key.py` has all that its numbers depend on. External code runs in a process
-of its own (`isolation.py`). `PolicySpec.make` makes the policy for an environment, unless what it
-depends on has changed.
+policy's factory, and `key.py` has all that its numbers depend on. `PolicySpec.call` runs external
+code in a process of its own (`isolation.py`). `PolicySpec.make` makes the policy for an
+environment, unless what it depends on has changed.
 """
 
 import contextlib

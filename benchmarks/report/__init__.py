@@ -1,4 +1,4 @@
 """Presentation of stored results: terminal, Markdown, CSV, one HTML page, plots and films.
 
-Nothing here simulates.
+Only films simulate.
 """

@@ -35,6 +35,9 @@ class NotLinear(ValueError):
     """A loop without a linearisation or without margins; the message gives the reason."""
 
 
+UNSTABLE = "the loop is unstable without dry friction"
+
+
 class Unstable(NotLinear):
     """A loop that is unstable as it is."""
 
@@ -170,7 +173,7 @@ class LinearLoop:
         """Return the margins; raise `NotLinear` if the loop is unstable."""
         with threadpool_limits(1):  # small matrices only wait for threads
             if not self.is_stable():
-                raise Unstable("the loop is unstable without dry friction")
+                raise Unstable(UNSTABLE)
             # Fine within the first samples, where a part of a sample matters most.
             delays = self.control_dt * np.append(np.arange(0.1, 4.0, 0.1), np.geomspace(4.0, 1e4, 160))
             delay = _edge(lambda x: self.is_stable(more_delay=x), 0.0, delays[delays <= LONGEST_DELAY])

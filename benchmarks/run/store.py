@@ -159,6 +159,9 @@ class Store:
             if cell is None:
                 policy = PolicySpec.from_dict(document["policy"])
                 cell = Cell(policy, document["scenario"], tuple(document["seeds"]))
+            old = document["provenance"].get("packages", {})
+            if changed := [f"{x} {old[x]}" for x, now in versions(cell.packages).items() if old.get(x, now) != now]:
+                raise OtherFormat(f"{path} was computed with {', '.join(changed)}, which is not installed")
             if cell.key != document["key"]:
                 raise ValueError(f"it holds the result {document['id']} with the key {document['key']}, not {cell.key}")
             columns = document["rows"]

@@ -1,1 +1,1 @@
-"""Studies that simulate: margins, a policy for an arm, where rows end, a fresh draw."""
+"""Studies that simulate: the policies to use on an arm, and a fresh draw of a board."""

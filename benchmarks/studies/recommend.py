@@ -19,7 +19,7 @@ from benchmarks.analysis.statistics import proportion
 from benchmarks.policies.spec import resolve
 from benchmarks.run.cell import Cell
 from benchmarks.run.linearize import margins_as_data
-from benchmarks.run.loop import LEAST_DELAY, LEAST_PHASE, Unstable
+from benchmarks.run.loop import LEAST_DELAY, LEAST_PHASE, UNSTABLE
 from benchmarks.run.metrics import penalize
 from benchmarks.run.rollout import reference_motion
 from benchmarks.run.store import Result
@@ -374,10 +374,9 @@ def margins_of(policy: str, base: Scenario) -> tuple[float, float, str]:
     spec = resolve(policy)
     try:
         margins = spec.call(margins_as_data, spec, base)
-    except Unstable as problem:
-        return 0.0, 0.0, str(problem)
-    except ValueError as problem:
-        return math.nan, math.nan, str(problem)
+    except ValueError as problem:  # of an external policy, an `Unstable` arrives as its text alone
+        unknown = 0.0 if UNSTABLE in str(problem) else math.nan
+        return unknown, unknown, str(problem)
     return min(margins["phase"]), margins["delay"] / base.control_dt, ""
 
 

@@ -1,1 +1,1 @@
-"""Training agents with stable-baselines3 on a batch of arms."""
+"""Training of agents on a batch of arms, by PPO or with stable-baselines3."""

@@ -69,7 +69,7 @@ class OffPolicy(BaseCallback):
             tensor.data.copy_(state["tensors"][name])
         self.model._n_updates = state["updates"]
         self.num_timesteps = self.model.num_timesteps = state["steps"]
-        episode = self._env.get_attr("scenario")[0].steps
+        episode = round(self._env.get_attr("scenario")[0].duration / self._env.get_attr("decision")[0])
         for _ in range(self.steps // (self._env.num_envs * episode)):
             self._env.reset()  # skip the episodes that the run has trained on
 

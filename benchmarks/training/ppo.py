@@ -47,7 +47,8 @@ class PPO:
         torch.manual_seed(seed)
         self.steps = 0
         self._arms = _Arms(envs)
-        self._now, self._episode = self._arms.reset(seed), envs[0].unwrapped.scenario.steps  # type: ignore[attr-defined]
+        self._now, first = self._arms.reset(seed), envs[0]
+        self._episode = round(first.unwrapped.scenario.duration / first.decision)  # type: ignore[attr-defined]
         self._rate, self._n_steps, self._batch, self._epochs = learning_rate, n_steps, batch_size, n_epochs
         times = np.repeat([env.decision for env in envs], [env.num_envs for env in envs])
         if not check_number("horizon", horizon, above=0) > times.max():

@@ -17,8 +17,8 @@ from benchmarks.seeds import SPLITS
 from fbl_gym import scenarios
 from fbl_gym.model.arm import stretched_inertia
 from fbl_gym.options import FilteredSteps, FourierReference, Reward
-from fbl_gym.records.checks import check_choices, check_flag, check_number, check_whole
-from fbl_gym.records.record import Distribution, Record, build, choice, declared, number, set_fields, whole
+from fbl_gym.records.checks import check_choices, check_number, check_whole
+from fbl_gym.records.record import Distribution, Record, build, choice, number, set_fields, whole
 from fbl_gym.scenarios import Scenario
 from fbl_gym.scenarios.class_families import BOX
 
@@ -52,8 +52,8 @@ class TrainingSettings(Record):
         algorithm: one of `ALGORITHMS`.
         adapter: observations and actions of the agent.
         scenarios: for training, side by side, and for validation with other seeds.
-        moves: True if the agent trains on the scenarios, in turn, with their own motion and with
-            those of `MOTIONS`.
+        moves: number of `MOTIONS` that take turns with the scenarios' own motion: each arm in each
+            scenario has one of them.
         arms: number of drawn arms, with drives of other strength, on which the agent trains in
             each scenario beside its own arm; only in those of a tier.
         seed: of the training.
@@ -67,7 +67,7 @@ class TrainingSettings(Record):
     algorithm: str = choice(MISSING, ALGORITHMS)
     adapter: AdapterSettings = field(default_factory=AdapterSettings)
     scenarios: tuple[Scenario, ...] = field(default_factory=lambda: (scenarios.get("everything-2"),))
-    moves: bool = declared(False, check_flag, "True or False")
+    moves: int = whole(0, high=len(MOTIONS))
     arms: int = whole(0, high=100)
     seed: int = whole(0)
     steps: int | None = whole(None, low=1)
@@ -97,7 +97,7 @@ class TrainingSettings(Record):
         tasks = [*self.scenarios, *(_on_drawn_arm(task, random) for _ in range(self.arms) for task in self.scenarios)]
         if not self.moves:
             return tasks
-        pairs = zip(tasks, itertools.cycle((None, *MOTIONS)), strict=False)
+        pairs = zip(tasks, itertools.cycle((None, *MOTIONS[: self.moves])), strict=False)
         return [task.replace(reference=motion or task.reference, **START) for task, motion in pairs]
 
     @property

@@ -50,8 +50,9 @@ class VectorAdapter(VectorWrapper):
         state = self._state._replace(age=np.zeros_like(self._state.age))  # the agent decides in every lane
         for _ in range(adapter.hold):
             torque, state = adapter.torque(actions, self._observation, state)
-            motion = (self._observation[:, layout[name]] for name in ("position", "velocity"))
-            given = self._interface.action_from_torque(torque, *motion)
+            q = self._observation[:, layout["position"]]
+            v = self._observation[:, layout["velocity"]] if "velocity" in layout else np.zeros_like(q)
+            given = self._interface.action_from_torque(torque, q, v)
             self._observation, rewards, terminated, truncated, infos = self.env.step(given)
             running, done = ~ends.any(axis=0), np.logical_or(terminated, truncated)
             total[running] += rewards[running]

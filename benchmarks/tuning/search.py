@@ -7,8 +7,9 @@ of a run is the total variation of its torque per second, divided by the root me
 torque. Because of the logarithms, a scenario counts by the relative change of its error.
 
 The price is 1 for each of two margins that is zero, and falls to 0 at the phase and delay margin
-that are asked for. The margins are the least of eight arms of the first scenario. A loop that is
-unstable without dry friction has none; a law that cannot be linearised pays nothing.
+that are asked for. Of eight arms of the first scenario, the one with the highest price counts. A
+loop that is unstable without dry friction has no margins; a law that cannot be linearised pays
+nothing.
 
 Trials use few scenarios and seeds. The best trials and the defaults are therefore judged with the
 same objective on more scenarios, and on tuning seeds that no trial used. The gains that are judged

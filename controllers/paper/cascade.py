@@ -23,8 +23,8 @@ class CascadeFlm(IntegralLaw):
 
         a = P e_v + I int(e_v) dt,    e_v = r' + Kp (r - q) - v,    torque = M a + C v + G
 
-    The integral pauses where the torque saturates. The last three gains are off by default: (22)
-    has F^ and tau_d^ in the torque, and the paper feeds no acceleration forward.
+    The integral pauses where the torque saturates. The last three gains are off by default: F^ of
+    (22) and tau_d^ of (6) in the torque, and an acceleration that the paper does not feed forward.
 
     Sensors: position and velocity.
 
@@ -77,6 +77,6 @@ class CascadeFlm(IntegralLaw):
         return self.integrating(q, v, a, integral, error, model, self.loads(v))
 
     def loads(self, v: Array) -> Array:
-        """Return the known loads F^(v) + tau_d^ of equation (22) at a velocity, [n x 2] N m."""
+        """Return the known loads F^(v) + tau_d^ of (22) and (6) at a velocity, [n x 2] N m."""
         dry = 0.0 if self.friction is None else friction_torque(self.friction, v)
         return dry + np.broadcast_to(np.array(self.disturbance), v.shape)

@@ -14,8 +14,8 @@ class PidFlm(IntegralLaw):
         a = r'' + kp e + kd e' + ki int(e) dt,    e = r - q,    torque = M a + C v + G
 
     With an exact model the error obeys e''' + kd e'' + kp e' + ki e = 0. The paper prints "P, I, D
-    = 10, 3, 0", which is unstable; the defaults read it as P = 10, D = 3, I = 0. The integral
-    pauses where the torque saturates.
+    = 10, 3, 0", which is unstable; the defaults read it as P = 10, D = 3, I = 0. It does not say
+    that r'' is fed forward. The integral pauses where the torque saturates.
 
     Sensors: position and velocity.
 

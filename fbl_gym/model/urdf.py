@@ -251,7 +251,7 @@ def _tip(
                 f"the tip is taken to be {farthest}, the farthest frame: name another, as in {stem}{others[0]}"
             )
         return ahead[farthest], ""
-    guess = f"{stem}0.3 [m]"
+    guess = f"{stem}0.3, in m"
     if abs(centre) < 1e-6:
         raise ValueError(
             f"link 2 must have a frame at its tip, a link on a fixed joint, or be given its length, as in {guess}"

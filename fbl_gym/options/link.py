@@ -48,7 +48,8 @@ class FlexibleLink(Option):
         least = np.sqrt(np.abs(load[2:]) / (MOST_SAG * np.diag(inertia)[2:])) / (2 * np.pi)
         low = [ends(x)[0] for x in self.frequency]  # type: ignore[union-attr]
         if np.any(low < least):
-            needed = f"at least {least[0]:.3g} and {least[1]:.3g} Hz, where weight bends the links by {MOST_SAG} rad"
+            first, second = 1.005 * least  # rounded up
+            needed = f"at least {first:.3g} and {second:.3g} Hz, where weight bends the links by {MOST_SAG} rad"
             raise ValueError(f"link.frequency must be {needed}, got {low[0]:g} and {low[1]:g} Hz")
 
     def pack(self, packer: Any) -> None:

@@ -2,7 +2,7 @@
 
 A table has the fields of `Scenario`. Its entry `base` names another scenario or file, with which
 the table is merged, record by record. `false` switches an option off. Where the base is of a class
-of robots and the arm is another one, torques and payloads follow it.
+of robots and the arm is another one, torques and payloads follow it, except in "mujoco-lab".
 
     base = "servo-everything-2"
     noise.position = 1e-4
@@ -114,10 +114,12 @@ def from_table(table: Mapping[str, Any], path: Path | None = None, above: tuple[
                 for doubt in () if isinstance(arm, str) else _doubts(given):  # before an error that follows from it
                     doubt = doubt.partition("; beside")[0] if isinstance(arm, RobotFile) else doubt
                     warnings.warn(f"{path or 'arm'}: {doubt}", UnitsWarning, stacklevel=2)
-                try:
-                    parent = tier_scenario(base, given) if base in MEMBERS else parent
-                except ValueError:  # such as of joints that need the shorter physics step of the table
-                    parent = tier_scenario(base, given, **{n: x for n, x in fields.items() if n == "physics_dt"})
+                if not file and entry in MEMBERS and world != "mujoco-lab":
+                    try:
+                        parent = tier_scenario(entry, given)
+                    except ValueError:  # such as of joints that need the shorter physics step of the table
+                        parent = tier_scenario(entry, given, **{n: x for n, x in fields.items() if n == "physics_dt"})
+                    parent = in_world(parent, world) if world else parent
                 fields = arm.options(fields, parent.to_dict()) if isinstance(arm, RobotFile) else fields
             fields.setdefault("description", f"{parent.name} with other options")
             return build("scenario", merged(parent.to_dict(), fields), Scenario)

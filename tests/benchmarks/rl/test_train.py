@@ -104,9 +104,9 @@ def test_each_scenario_has_enough_lanes_and_a_seed_for_each():
 def test_a_run_trains_on_the_motions_of_its_scenarios_and_on_others_that_no_board_has():
     tasks = tuple(map(scenarios.get, scenarios.in_tier("servo-practice", (1, 3))))
     assert TrainingSettings("ppo", scenarios=tasks).practice == [*tasks]
-    practice, motions = TrainingSettings("ppo", scenarios=tasks, moves=True).practice, training_settings.MOTIONS
-    assert [task.reference for task in practice[:4]] == [tasks[0].reference, *motions]
-    assert {task.reference for task in practice} == {tasks[0].reference, *motions}  # saturation takes turns, too
+    practice, motions = TrainingSettings("ppo", scenarios=tasks, moves=3).practice, training_settings.MOTIONS
+    assert [task.reference for task in practice[:5]] == [tasks[0].reference, *motions[:3], tasks[4].reference]
+    assert {task.reference for task in practice} == {tasks[0].reference, *motions[:3]}  # saturation takes turns, too
     assert not any(map(scenarios.held_out_reason, practice))
 
 
