@@ -169,9 +169,8 @@ def test_commands_in_the_text_exist(page):
 
 #: What makes code and commands of pages and examples short; arguments of examples, and what they
 #: print; programs of pages, and the numbers that they print.
-SHORTER, SHORT, ARGUMENTS, PRINTED, NUMBERS = tomllib.loads(
-    (ROOT / "tests/shorter.toml").read_text(encoding="utf-8")
-).values()
+TABLES = (ROOT / "tests/shorter.toml").read_text(encoding="utf-8")
+SHORTER, SHORT, ARGUMENTS, PRINTED, NUMBERS = tomllib.loads(TABLES).values()
 
 
 def shortened(text):

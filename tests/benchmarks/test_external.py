@@ -176,9 +176,8 @@ def test_a_call_stays_in_its_group_and_shows_the_first_of_its_prints(capfd):
 
 
 def test_the_order_of_a_set_is_the_same_in_each_run():
-    shown = subprocess.check_output(
-        [sys.executable, "-c", "print(hash('kp'))"], env=os.environ | {"PYTHONHASHSEED": "0"}
-    )
+    fixed = os.environ | {"PYTHONHASHSEED": "0"}
+    shown = subprocess.check_output([sys.executable, "-c", "print(hash('kp'))"], env=fixed)
     assert run_isolated(hash, "kp") == int(shown)
 
 

@@ -152,6 +152,9 @@ def test_another_set_of_metrics_is_another_format_and_damages_nothing(tmp_path, 
     name = "new_metric" if change == "added" else list(METRICS)[-1]
     with pytest.raises(OtherFormat, match=f"has other metrics than this version of fbl-gym .*{name}"):
         store.load(store.path(some[0]))
+    monkeypatch.setattr(store_module, "versions", lambda _: {"numpy": "0.0"})
+    with pytest.raises(OtherFormat, match=r"was computed with numpy .*, which is not installed"):
+        store.load(store.path(some[0]))
 
 
 def test_a_full_disk_is_an_error_and_leaves_the_rest(tmp_path, monkeypatch):

@@ -17,9 +17,8 @@ pytest.importorskip("mujoco")
 KNOCK = {"kind": "knock", "time": 1.003, "impulse": (5, 2)}
 PAYLOAD = {"mass": 3, "pick_up": 1.003}
 #: Options under which a physics step has one torque, and under which a torque varies within a step; and a robot's.
-EXACT, SMOOTH, ELASTIC, LAB = tomllib.loads(
-    Path(__file__).with_name("mujoco.toml").read_text(encoding="utf-8")
-).values()
+TABLES = Path(__file__).with_name("mujoco.toml").read_text(encoding="utf-8")
+EXACT, SMOOTH, ELASTIC, LAB = tomllib.loads(TABLES).values()
 
 
 def run(options, lanes=4, policy="computed-torque", seconds=3.0, **gains):

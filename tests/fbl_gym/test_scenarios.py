@@ -159,6 +159,8 @@ def test_the_torques_of_a_tier_follow_the_arm(tmp_path):
     for name in ("friction", "actuator", "parameter_error"):
         assert getattr(scenario, name) == getattr(expected, name)
     assert scenario.control_dt == 0.005
+    moved = scenarios.as_scenario({"base": "servo-friction-2@mujoco", "arm": "pelican"})
+    assert (moved.actuator, moved.name) == (expected.actuator, "servo-friction-2@mujoco")
 
 
 SHEET = """

@@ -135,6 +135,12 @@ def test_a_batch_that_observes_otherwise_is_refused():
         VectorAdapter(TwoLinkArmTrackingVectorEnv(2), AdapterSettings(sensors=("position", "velocity")))
 
 
+def test_an_agent_may_observe_positions_alone():
+    envs = batch(2, AdapterSettings(sensors=("position",)), sensors=("position",))
+    envs.reset(seed=0)
+    assert np.isfinite(envs.step(np.zeros((2, 2)))[0]).all()
+
+
 def test_a_torque_is_a_share_of_the_drives_limits():
     env, _, torque = start("servo-nominal", sensors=MOTION)
     np.testing.assert_allclose(torque(1.0, -0.5)[0], env.interface.torque_limit * np.array([1.0, -0.5]))
