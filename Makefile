@@ -60,7 +60,7 @@ format: .venv/ready-dev
 	$(INSTALL) '.[all,dev]'
 	touch $@
 
-# Writes the versions that the commands above install, for Python 3.11 and newer, without torch's dependencies.
+# Writes the versions that the commands above install, for Python 3.11 and newer, without those for a GPU.
 constraints:
 	printf 'torch==2.13.0\n' > .venv/pins.txt
 	$(BIN)/python -m pip install --quiet uv

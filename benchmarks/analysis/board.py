@@ -38,7 +38,7 @@ class Board:
         scenarios: [s] names.
         seeds: [n].
         runs: each metric, [m x s x n]. Where a policy failed, they are the motionless baseline's,
-            which are NaN but for error, torque variation and divergence.
+            which are NaN but for error, its scales, torque variation and divergence.
         decision_us: time of a decision of each policy, the median over scenarios [p].
         incomplete: policies that are left out, each with the reason.
         lacking: a sentence on the scenarios without results; empty: there are none.

@@ -56,7 +56,7 @@ class Fit:
     Attributes:
         parameters: the estimate [16]; see `model.PARAMETERS`.
         free: names of the parameters that were estimated.
-        interval: both ends of each parameter's 90 % interval, from fits without one log [16 x 2].
+        interval: both ends of each parameter's 90 % interval [16 x 2]; see `draws`.
         zero: angles at which each log's readings are zero [logs x 2] rad.
         weak: estimated parameters that the logs hardly tell, each with the motion that would.
         trials: held-out error with each term, relative to that without it.
