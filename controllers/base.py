@@ -117,7 +117,7 @@ class Law(Record):
     ) -> tuple[Array, State]:
         """Return the action and the next state, as `Policy.predict` describes."""
         size = self.interface.layout.size
-        observation = np.asarray(observation, dtype=float)
+        observation = np.array(observation, dtype=float)  # states may keep parts of it
         if observation.ndim not in (1, 2) or observation.shape[-1] != size:
             shapes = f"({size},) or (n, {size}), as this policy was built for"
             raise ValueError(f"observation must have shape {shapes}, got {observation.shape}")

@@ -1,6 +1,7 @@
 """Runs of cells with their progress, and the command line, which several commands share."""
 
 import argparse
+import shlex
 import sys
 from collections.abc import Callable, Sequence
 from pathlib import Path
@@ -17,7 +18,7 @@ from benchmarks.text import say
 
 def command_line() -> str:
     """Return the command that started this process, as one could type it."""
-    return " ".join(["fbl-gym", *sys.argv[1:]])
+    return shlex.join(["fbl-gym", *sys.argv[1:]])
 
 
 def limits_of(arguments: argparse.Namespace) -> CallLimits | None:

@@ -63,6 +63,8 @@ def read_groups(folders: Sequence[Path]) -> tuple[Group, ...]:
             table = pd.read_csv(io.StringIO(read_text(folder / "curve.csv")))
             run = {axis: table[axis].to_numpy(float) for axis in AXES}
             run["best"] = np.minimum.accumulate(table["validation_mrad"].to_numpy(float))
+            if not run["steps"][-1] > 0:
+                raise ValueError("it was stopped before its second validation")
         except (OSError, ValueError, KeyError, TypeError, AttributeError) as problem:
             reason = reason_of(problem)
             raise ValueError(f"RUN must be a folder of fbl-gym train, got {str(folder)!r} ({reason})") from None

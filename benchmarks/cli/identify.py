@@ -3,6 +3,7 @@
 import argparse
 from collections.abc import Callable
 from functools import partial
+from pathlib import Path
 
 import numpy as np
 from rich.progress import Progress
@@ -18,6 +19,7 @@ from benchmarks.run.traces import write_columns
 from benchmarks.text import say
 from fbl_gym import scenarios
 from fbl_gym.model.arm import Array
+from fbl_gym.scenarios.files import split
 
 #: Lengths of the rollouts of `--validate` [s].
 HORIZONS = (0.1, 0.5, 1.0)
@@ -27,7 +29,10 @@ def run(arguments: argparse.Namespace) -> int:
     """Plan, identify and validate, as the arguments ask."""
     if arguments.plan is None and not arguments.logs and not arguments.validate:
         raise ValueError("give the logs of a robot, or --validate, or --plan")
-    start = scenarios.get(arguments.start)
+    start, file = scenarios.get(arguments.start), split(arguments.start)[0]
+    for path in filter(None, (arguments.toml, arguments.plan and arguments.plan.with_suffix(".toml"))):
+        if file and path.resolve() == Path(file).resolve():
+            raise ValueError(f"{path} is --start, which would be lost: give another name")
     if any(option is not None for option in (start.joint, start.link, start.plant)):
         raise ValueError(f"--start must have rigid joints and links, and this package's physics, got {arguments.start}")
     if arguments.plan is not None:

@@ -64,7 +64,14 @@ def run(arguments: argparse.Namespace) -> int:
 
 def boards_of(suites: Sequence[Suite], results: Mapping[Cell, Result]) -> dict[str, Board]:
     """Return the board of each suite, by its name, from the results of `run_all`."""
-    return {suite.name: assemble([results[cell] for cell in suite.cells], suite.cells) for suite in suites}
+    boards = {}
+    for suite in suites:
+        some = [results[cell] for cell in suite.cells]
+        if len(suites) == 1 or any(result.rows for result in some):
+            boards[suite.name] = assemble(some, suite.cells)
+        else:
+            say(f"fbl-gym: {suite.name} has no result: {some[0].error}", sys.stderr)
+    return boards
 
 
 def counts(error: str) -> bool:
@@ -77,12 +84,13 @@ def compare_worlds(suite: Suite, arguments: argparse.Namespace) -> int:
     """Run a suite in all worlds, print the boards and their agreement; return the exit status."""
     if suite.seeds < 4:
         raise ValueError(f"--seeds must be at least 4, two for each half, got {suite.seeds}")
-    sides = [dataclasses.replace(suite, name="package")]
-    for world in arguments.world:
+    sides, worlds = [dataclasses.replace(suite, name="package")], [*dict.fromkeys(arguments.world)]
+    for world in worlds:
         tasks = tuple(scenarios.in_world(task, world) for task in suite.scenarios)
         sides.append(dataclasses.replace(suite, name=world, scenarios=tasks))
     results = run_all([cell for side in sides for cell in side.cells], arguments)
-    boards = boards_of(sides, results)
+    if len(boards := boards_of(sides, results)) < len(sides):
+        raise ValueError("--world must be one in which some policy has results")
     for side, board in boards.items():
         say(f"{side}:")
         terminal.leaderboard(terminal.Screen(), board)
@@ -90,12 +98,12 @@ def compare_worlds(suite: Suite, arguments: argparse.Namespace) -> int:
     complete = [{*board.policies} - {*board.failed} for board in boards.values()]
     names = [name for name in boards["package"].policies if all(name in some for some in complete)]
     own, *halves = (_tau(compare_halves(board, names)) for board in boards.values())
-    taus = (_tau(compare_orders(boards["package"], boards[world], names)) for world in arguments.world)
-    rows = [(world, tau, f"{own} / {half}") for world, tau, half in zip(arguments.world, taus, halves, strict=True)]
+    taus = (_tau(compare_orders(boards["package"], boards[world], names)) for world in worlds)
+    rows = [(world, tau, f"{own} / {half}") for world, tau, half in zip(worlds, taus, halves, strict=True)]
     terminal.show("Kendall's tau (pairs) between the orders by the error", ("world", "tau", "halves"), rows)
     say("tau: of all pairs of rows, and of those that both sides separate.")
     say("halves: the same between halves of the seeds, package's arm / world")
-    return int(any(result.error for result in results.values()))
+    return int(any(counts(result.error) for result in results.values()))
 
 
 def _tau(agreement: Agreement) -> str:

@@ -27,7 +27,7 @@ def run(arguments: argparse.Namespace) -> int:
             margins = spec.call(partial(margins_as_data, response=True), spec, scenario, (q1, q2), arguments.seed)
             loops[str(policy)], delay = margins["response"], margins["delay"]
             rows.append((
-                policy, f"{max(margins['gain_lower']):.2f} - {min(margins['gain_upper']):.2f}",
+                str(policy), f"{max(margins['gain_lower']):.2f} - {min(margins['gain_upper']):.2f}",
                 f"{min(margins['phase']):.0f} deg", f"{1e3 * delay:.1f} ms", f"{delay / scenario.control_dt:.2f}",
                 f"{max(margins['sensitivity']):.2f}", f"{max(margins['complementary']):.2f}",
             ))  # fmt: skip

@@ -97,6 +97,10 @@ def _reason(problem: Exception) -> str:
 class Parser(argparse.ArgumentParser):
     """A parser whose errors name the nearest option."""
 
+    def __init__(self, *arguments: Any, **options: Any) -> None:
+        super().__init__(*arguments, **options)
+        self._negative_number_matcher = re.compile(r"-(\d+\.?\d*|\.\d+)(e[-+]?\d+)?$", re.IGNORECASE)  # -1e-3, too
+
     def error(self, message: str) -> NoReturn:
         """Exit with a message of argparse, which quotes the wrong text."""
         from fbl_gym.records.checks import nearest  # imports NumPy, which the list of commands does without

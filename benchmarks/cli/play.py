@@ -105,7 +105,7 @@ class Arm:
                 self.hand.push(push)
                 if target is not None:
                     self.hand.aim(target)
-                action, self.state = self.actors[self.law].predict(self.observation, self.state)
+                action, self.state = self.actors[self.law].predict(self.observation, self.state, deterministic=True)
                 self.observation, _, self.diverged, truncated, _ = self.env.step(action)
                 self.over = self.diverged or truncated
         truth = self.env.truth

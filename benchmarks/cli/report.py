@@ -24,7 +24,8 @@ def run(arguments: argparse.Namespace) -> int:
         raise ValueError(
             f"{store.folder} lacks these results: run `fbl-gym leaderboard` of the same suite, policies and seeds"
         )
-    boards = {suite.name: assemble(results[suite.name], suite.cells) for suite in suites if results[suite.name]}
+    some = [suite for suite in suites if any(result.rows for result in results[suite.name])]
+    boards = {suite.name: assemble(results[suite.name], suite.cells) for suite in some or suites}
     terminal.leaderboards(terminal.Screen(), boards)
     for name, board in boards.items():
         folder = out / name if len(suites) > 1 else out

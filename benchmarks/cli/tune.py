@@ -25,10 +25,14 @@ def run(arguments: argparse.Namespace) -> int:
     for policy in map(resolve, dict.fromkeys(arguments.policies)):
         if arguments.ship and (policy.external or policy.parsed.gains or policy.parsed.tuned):
             raise ValueError(f"--ship is for the laws that fbl-gym comes with, got {policy.name!r}: give --out instead")
+        if policy.parsed.tuned:
+            raise ValueError(f"policy must be a law without tuned gains, got {policy.name!r}")
         task, judging = (
             search.Task(policy, _scenarios(arguments, usual), numbers, (arguments.least_phase, arguments.least_delay))
             for usual, numbers in zip(search.scenarios_of(arguments.robot), (tried, fresh), strict=True)
         )
+        if fixed := task.ranges.keys() & policy.parsed.given_gains.keys():
+            raise ValueError(f"{min(fixed)} of {policy.name} would be tuned: leave out its value")
         search.open_study(task, arguments.storage)  # here, since no two processes may create a database at once
         pairs.append((task, judging))
     work = partial(tune_one, arguments, command_line())

@@ -44,8 +44,9 @@ def _find(store: Store, row: str) -> list[Result]:
 
 def compare(published: Result, now: Result) -> tuple[bool, str]:
     """Return whether a published result holds, and how far it differs, in words."""
-    if now.error:
-        return False, f"DIFFERS: it fails now: {now.error}"
+    if now.error or published.error:
+        same, failed = now.error == published.error, now.error or published.error
+        return same, f"{'holds' if same else 'DIFFERS'}: it fails{'' if now.error else ' no more'}: {failed}"
     before, after = (np.array([[row[name] for name in METRICS] for row in result.rows]) for result in (published, now))
     if np.array_equal(before, after, equal_nan=True):
         return True, "holds, bit for bit"

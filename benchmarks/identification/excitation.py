@@ -67,4 +67,8 @@ def plan(start: Scenario, centre: Pair, amplitude: Pair, speed: float) -> tuple[
     best = minimize(condition, min(tries, key=condition), method="Nelder-Mead", options={"maxfev": 400}).x
     time = np.arange(0.0, PERIOD + start.control_dt / 2, start.control_dt)
     q, v, a, torque, _ = motion(best, series(time) @ rest)
+    if np.ptp(q, axis=0).max() < 0.05 * min(amplitude):
+        raise ValueError(
+            f"actuator.torque_limit must leave some motion on both joints, got {start.actuator.torque_limit}"
+        )
     return {"time": time, "position": q, "velocity": v, "acceleration": a, "torque": torque}, condition(best)

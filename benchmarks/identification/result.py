@@ -12,6 +12,7 @@ from benchmarks.identification.fit import Fit
 from benchmarks.identification.logs import Log
 from benchmarks.identification.model import INDEX, PARAMETERS, V_S, arm_of
 from fbl_gym.scenarios import Scenario
+from fbl_gym.scenarios.files import split
 
 TEMPLATE = Template(Path(__file__).with_name("scenario.template").read_text(encoding="utf-8"))
 MAX_RADIUS = 1.0  # largest radius of masses; beyond it, a number is not identified
@@ -38,7 +39,7 @@ def text(fit: Fit, logs: Sequence[Log], start: Scenario, base: str, command: str
         base: name or file of `start`, as the new file reaches it.
         command: for the file's first line.
     """
-    control = round(logs[0].sample, 4 if logs[0].sample > 1e-3 else 5)
+    control = float(f"{logs[0].sample:.3g}")
     zero = np.sqrt(3.0) * np.sqrt((fit.zero**2).mean(axis=0))
     arm = vars(arm_of(fit.parameters, start.arm)).items()
     lines = [
@@ -88,4 +89,5 @@ def _sensors(logs: Sequence[Log], start: Scenario) -> str:
 
 def reached(base: str, path: Path) -> str:
     """Return the text by which a file names the base of another: files relative to it."""
-    return os.path.relpath(base, path.parent).replace(os.sep, "/") if base.endswith(".toml") else base
+    file, entry, _ = split(base)
+    return os.path.relpath(file, path.parent).replace(os.sep, "/") + f":{entry}" * bool(entry) if file else base

@@ -113,6 +113,8 @@ class PolicySpec:
         Raises:
             Changed: code or data are not those of the specification.
         """
+        if self.problem:
+            raise ValueError(self.problem)
         was = {"shared code": self.shared, **self.code, **self.data}
         now = {"shared code": key.shared(), **key.digests(self.files)}
         if changed := [name or self.parsed.source for name in was if was[name] != now.get(name)]:

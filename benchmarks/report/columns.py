@@ -111,7 +111,7 @@ def over_all(boards: Mapping[str, Board]) -> Table:
 def leaders(board: Board) -> Table:
     """Return a table of the policy that leads each family, with its error."""
     rows = []
-    for family, some in board.families.items():
+    for family, some in board.families.items() if board.ranked else ():
         error = board.error(some).value
         first, second, *_ = sorted(board.ranked, key=lambda i: error[i])[:2] * 2
         errors, mrad = [f"{number(error[i])} %" for i in (first, second)], f"{number(board.mrad(some)[first])} mrad"

@@ -24,7 +24,7 @@ def frames(policy: PolicySpec, scenario: Scenario, seed: int, fps: int, size: in
         if k % max(1, round(1.0 / fps / scenario.control_dt)) == 0:
             yield view.frame(env.truth)
         if not over:
-            action, state = actor.predict(observation, state)
+            action, state = actor.predict(observation, state, deterministic=True)
             observation, _, over, _, _ = env.step(action)
 
 

@@ -131,7 +131,7 @@ def _draw(axes: Any, panel: Panel) -> None:
         color = line.color or COLORS[i % len(COLORS)]
         many = len(line.x) > 24
         axes.plot(
-            line.x, line.y, color=color, linestyle=line.style or DASHES[i % len(DASHES)], label=line.label,
+            line.x, line.y, color=color, linestyle=line.style or DASHES[i % len(DASHES)], label=line.label.replace("$", r"\$"),
             marker=None if line.color else MARKERS[i % len(MARKERS)],
             markevery=(i * len(line.x) // 40 % (len(line.x) // 6), len(line.x) // 6) if many else None,
         )  # fmt: skip

@@ -16,8 +16,9 @@ import numpy as np
 import controllers
 from benchmarks.analysis.board import Board, assemble
 from benchmarks.analysis.statistics import proportion
-from benchmarks.policies.spec import resolve
+from benchmarks.policies.spec import PolicySpec, resolve
 from benchmarks.run.cell import Cell
+from benchmarks.run.expansion import distinguish
 from benchmarks.run.linearize import margins_as_data
 from benchmarks.run.loop import LEAST_DELAY, LEAST_PHASE, UNSTABLE
 from benchmarks.run.metrics import penalize
@@ -308,15 +309,17 @@ def recommend(
         ValueError: every policy failed.
     """
     results: dict[str, Result] = {}
+    known: dict[str, Any] = {spec.name: spec for spec in map(resolve, policies)}  # with the trust in them
+    (base,) = distinguish((base,))  # the name that its cells have
 
     def measured(names: Sequence[str], *tasks: Scenario) -> list[Result]:
-        cells = Suite("recommend", tuple(names), tasks, number).cells
+        cells = Suite("recommend", tuple(known.get(name, name) for name in names), tasks, number).cells
         results.update((result.cell.id, result) for result in run(cells).values())
         return [results[cell.id] for cell in cells]
 
     screened = measured(policies, base)
     names = _best(screened)
-    if tune is not None and (tuned := tune(names)):
+    if tune is not None and (tuned := tune([name for name in names if not known[name].external])):
         names = _best([*screened, *measured(tuned, base)])
     tasks = around(base)
     measured(names[:SCREENED], *tasks.values())
@@ -324,7 +327,7 @@ def recommend(
     complete = [name for name in names[:SCREENED] if name not in failed]
     table = [[results[f"{name}/{task.name}"] for task in tasks.values()] for name in complete]
     board = assemble([result for row in table for result in row])
-    margins = [margins_of(name, base) for name in complete]
+    margins = [margins_of(known.get(name, name), base) for name in complete]
     wide = [not (phase < bounds[0] or delay < bounds[1]) for phase, delay, _ in margins]
     keeps = [is_safe(row[:1]) and is_safe(row) for row in table]
     safe = [x and y for x, y in zip(wide, keeps, strict=True)]
@@ -369,7 +372,7 @@ def _groups(order: Sequence[int], board: Board, safe: Sequence[bool]) -> dict[in
     return groups
 
 
-def margins_of(policy: str, base: Scenario) -> tuple[float, float, str]:
+def margins_of(policy: PolicySpec | str, base: Scenario) -> tuple[float, float, str]:
     """Return phase margin [degrees] and delay margin [samples], and a remark; NaN: unknown."""
     spec = resolve(policy)
     try:

@@ -34,16 +34,12 @@ class _Oracle(Law):
         """Return the torque command [n x 2] N m, and the next state."""
         arm = TrueArm.of(self.env)
         torque, state = self.drive(observation, arm, state)
-        return torque / arm.truth.gain, state
+        gain = arm.truth.gain  # 0 of a drive that has failed
+        return np.divide(torque, gain, out=np.zeros_like(torque), where=gain != 0.0), state
 
     def drive(self, observation: Array, arm: TrueArm, state: State) -> tuple[Array, State]:
         """Return the torque [n x 2] N m that the drives are asked for, and the next state."""
         raise NotImplementedError
-
-    def measured_motion(self, observation: Array) -> tuple[Array, Array]:
-        """Return the true position and velocity."""
-        truth = TrueArm.of(self.env).truth
-        return truth.position, truth.velocity
 
 
 @dataclass(frozen=True)

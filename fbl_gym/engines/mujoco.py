@@ -91,13 +91,13 @@ class MuJoCoBatch(ArmBatch):
             problem = api.load(memory, substep)
             if problem >= 0:
                 return problem
-            torque, load = self._mean("tau"), self._mean("load")
+            torque, load, drive = self._mean("tau"), self._mean("load"), self.field("torque")
             models = self._models() if self._arms_change else None
             velocities = np.stack([blocks[name][lanes] for name in _VELOCITIES], axis=1)
             for lane, arm in self._arms.items():
                 if models is not None and arm.real.tobytes() != models[lane].tobytes():
                     arm = self._arms[lane] = arm.changed(models[lane])
-                arm.advance(velocities[lane], torque[lane], load[lane], steps)
+                arm.advance(velocities[lane], torque[lane], load[lane], drive[lane], steps)
             motions = [arm.motion for arm in self._arms.values()]
             for name in motions[0]:
                 blocks[name][lanes] = [motion[name] for motion in motions]
@@ -192,23 +192,24 @@ class _Arm:
         arm._data.qpos[:], arm._data.qvel[:] = self._data.qpos, self._data.qvel
         return arm
 
-    def advance(self, velocities: Array, torque: Array, load: Array, steps: int) -> None:
-        """Hold torques for a number of MuJoCo's steps, from velocities as in `_VELOCITIES` on."""
+    def advance(self, velocities: Array, torque: Array, load: Array, drive: Array, steps: int) -> None:
+        """Hold torques, see `_push`, for some steps of MuJoCo, from velocities as in `_VELOCITIES`."""
         model, data = self._model, self._data
         self._set(data.qvel, *velocities)
         times, ahead = (steps, 0.5 * model.opt.timestep) if self._gap.any() else (1, 0.0)
         for _ in range(times):
-            self._push(torque, load, ahead)
+            self._push(torque, load, drive, ahead)
             mujoco.mj_step(model, data, steps // times)
 
-    def _push(self, torque: Array, load: Array, ahead: float = 0.0) -> None:
-        """Apply torques of drives, loads on links, and the difference that a gap makes to springs.
+    def _push(self, torque: Array, load: Array, drive: Array, ahead: float = 0.0) -> None:
+        """Apply torques to joints, loads on links, and the difference that a gap makes to springs.
 
-        The stretch of the springs is extrapolated by the time `ahead` [s].
+        Friction grows with the torque of the `drive`, of which disturbances are no part. The
+        stretch of the springs is extrapolated by the time `ahead` [s].
         """
         data, springs = self._data, self._springs
         data.qfrc_applied[self._joints] = torque + load
-        self._model.dof_frictionloss[self._joints] = self._loss + self.real["load_friction"] * np.abs(torque)
+        self._model.dof_frictionloss[self._joints] = self._loss + self.real["load_friction"] * np.abs(drive)
         if self._scenario.joint is None:
             return
         rate = data.qvel[springs]
@@ -222,7 +223,7 @@ class _Arm:
     def accelerate(self, torque: Array, load: Array) -> tuple[Array, Array]:
         """Return acceleration and friction torque under torques at this instant, [2] each."""
         data, joints, springs = self._data, self._joints, self._springs
-        self._push(torque, load)
+        self._push(torque, load, torque)
         mujoco.mj_forward(self._model, data)
         acceleration = data.qacc[joints].copy()
         if self._scenario.joint is not None:

@@ -46,8 +46,12 @@ def open_to_hand(scenario: Scenario, seed: int) -> Scenario:
     control step. Events of a hand wait at the episode's end, which no event reaches.
     """
     q, v, a, torque = course(scenario, [seed])[:, :, 0]
-    end, dt = scenario.duration, scenario.control_dt
+    end, dt, start = scenario.duration, scenario.control_dt, {}
+    if scenario.reference.kind == "steps":  # the arm starts a step away from the reference
+        (env := TwoLinkArmEnv(scenario, action="torque")).reset(seed=seed)
+        start = {"initial_error": tuple(env.truth.position - q[0])}
     return scenario.replace(
+        **start,
         reference=ArrayReference(position=q[:-1], dt=dt, velocity=v[:-1], acceleration=a[:-1]),
         disturbance=ArrayDisturbance(torque=torque[1:], dt=dt),
         events=(*scenario.events, PickUp(end, mass=0.0), Drop(end), DriveChange(end, factor=1.0)),

@@ -27,7 +27,8 @@ def read_mjcf(path: str) -> Robot:
         name, dof = model.joint(i).name or f"joint {i}", model.jnt_dofadr[i]
         driven, effort, *doubts = _effort(model, i, name)
         doubts += [f"the spring of {name} is neglected"] if model.jnt_stiffness[i] else []
-        numbers = effort, float(model.dof_damping.flat[dof]), float(model.dof_frictionloss[dof]), None
+        damping, loss = (float(x.flat[dof]) if x.any() else None for x in (model.dof_damping, model.dof_frictionloss))
+        numbers = effort, damping, loss, None
         joint = name, links[model.jnt_bodyid[i]], data.xaxis[i].copy(), data.xanchor[i].copy(), numbers, tuple(doubts)
         hinge = model.jnt_type[i] == mujoco.mjtJoint.mjJNT_HINGE
         joints[name] = Joint(*joint, float(model.dof_armature[dof]), driven) if hinge else "no hinge"
@@ -37,7 +38,10 @@ def read_mjcf(path: str) -> Robot:
     masses = dict(zip(links, map(Mass, map(float, model.body_mass), data.xipos, inertias), strict=True))
     parents = {link: links[model.body_parentid[i]] if i else None for i, link in enumerate(links)}
     frames = {link: (link, data.xpos[i].copy()) for i, link in enumerate(links)} | sites
-    return Robot(parents, joints, frames, masses.__getitem__, -model.opt.gravity)
+    if model.body_gravcomp.any():
+        raise ValueError("gravcomp must be 0: the weight of links, which it takes off, stays here")
+    falls = not model.opt.disableflags & mujoco.mjtDisableBit.mjDSBL_GRAVITY
+    return Robot(parents, joints, frames, masses.__getitem__, -model.opt.gravity * falls)
 
 
 def _effort(model: Any, joint: int, name: str) -> tuple[Any, ...]:

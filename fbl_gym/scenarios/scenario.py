@@ -126,7 +126,7 @@ class Scenario(Option):
 
     def __post_init__(self) -> None:
         if isinstance(self.arm, str) and FILE.match(self.arm):
-            given = {name: value for name, value in vars(self).items() if value != getattr(type(self), name)}
+            given = {name: value for name, value in vars(self).items() if value is not getattr(type(self), name)}
             vars(self).update(read_robot(self.arm).options(given, Scenario().to_dict()))
         super().__post_init__()
 
