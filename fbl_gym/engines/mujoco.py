@@ -193,7 +193,7 @@ class _Arm:
         return arm
 
     def advance(self, velocities: Array, torque: Array, load: Array, drive: Array, steps: int) -> None:
-        """Hold torques, see `_push`, for some steps of MuJoCo, from velocities as in `_VELOCITIES`."""
+        """Hold torques, see `_push`, for some of MuJoCo's steps, from `_VELOCITIES` on."""
         model, data = self._model, self._data
         self._set(data.qvel, *velocities)
         times, ahead = (steps, 0.5 * model.opt.timestep) if self._gap.any() else (1, 0.0)
