@@ -5,6 +5,7 @@ import numpy as np
 from benchmarks.paper.measuring import HANGING, SEEDS, at_rate, metrics, noise, run, score, track_within, with_estimates
 from benchmarks.paper.outcome import Outcome, Rows, Values, diverged, number, percents
 from benchmarks.report.plot import Line, Panel
+from controllers.paper.cascade import CascadeFlm
 from controllers.paper.kalman import PAPER_SIGMA
 from fbl_gym import Scenario, scenarios
 from fbl_gym.model.arm import Array
@@ -62,7 +63,7 @@ def _figure_4(v: Values) -> tuple[str, Scenario, float]:
 def _rows(v: Values, factor: float = 1.0) -> Rows:
     """Return the metrics of figure 4, with the inner loop's gains times a factor."""
     policy, scenario, kp = _figure_4(v)
-    inner = {"velocity_p": (30.0 * factor, 35.0 * factor), "velocity_i": (13.0 * factor, 20.0 * factor)}
+    inner = {name: tuple(factor * x for x in getattr(CascadeFlm, name)) for name in ("velocity_p", "velocity_i")}
     return metrics(policy, scenario, SEEDS, kp=kp, **inner)
 
 

@@ -309,7 +309,7 @@ def recommend(
         ValueError: every policy failed.
     """
     results: dict[str, Result] = {}
-    known: dict[str, Any] = {spec.name: spec for spec in map(resolve, policies)}  # with the trust in them
+    known = {spec.name: spec for spec in map(resolve, policies)}  # with the trust in them
     (base,) = distinguish((base,))  # the name that its cells have
 
     def measured(names: Sequence[str], *tasks: Scenario) -> list[Result]:
@@ -319,7 +319,7 @@ def recommend(
 
     screened = measured(policies, base)
     names = _best(screened)
-    if tune is not None and (tuned := tune([name for name in names if not known[name].external])):
+    if tune is not None and (tuned := tune([x for x in names if x not in known or not known[x].external])):
         names = _best([*screened, *measured(tuned, base)])
     tasks = around(base)
     measured(names[:SCREENED], *tasks.values())

@@ -31,9 +31,9 @@ MISTAKES = tomllib.loads(Path(__file__).with_name("mistakes.toml").read_text(enc
 @pytest.mark.parametrize(("line", "message"), MISTAKES.items())
 def test_a_mistake_is_answered_with_what_is_right(line, message, folder, fbl_gym):
     (folder / "folder.csv").mkdir()
-    (folder / "lists.toml").write_text("policies = []\nscenarios = []\n")
-    (folder / "empty.toml").touch()
-    (folder / "ideal.toml").write_text('policies = ["zero"]\nscenarios = ["nominal"]\n')
+    files = {"lists": "policies = []\nscenarios = []\n", "empty": "", "arm": 'base = "dfki-c1"\n'}
+    for name, text in (files | {"ideal": 'policies = ["zero"]\nscenarios = ["nominal"]\n'}).items():
+        (folder / f"{name}.toml").write_text(text)
     before = {*folder.iterdir()}
     shown = fbl_gym(line, 2)
     assert message in shown.err

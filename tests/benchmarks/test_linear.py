@@ -112,10 +112,8 @@ def test_the_delay_margin_holds_with_springs_and_velocities_of_encoders(policy, 
     """Encoders on the motors (geared) and on the links (servo), which both compute the velocity."""
     step, base = 1e-4, get(name)
     drive = dataclasses.replace(base.actuator, ripple=0.0, delay=0.0)
-    encoder, friction = {"difference": 1, "low_pass": 30.0}, {"viscous": 0.02}
-    base = base.replace(
-        physics_dt=step, encoder=encoder, friction=friction, initial_error=0.0, actuator=drive, link=link, duration=12.0
-    )
+    more = {"encoder": {"difference": 1, "low_pass": 30.0}, "friction": {"viscous": 0.02}, "link": link}
+    base = base.replace(physics_dt=step, initial_error=0.0, actuator=drive, duration=12.0, **more)
     delay = linearize(policy, base).margins().delay
     for factor, rounded in ((0.96, math.floor), (1.04, math.ceil)):
         late = dataclasses.replace(drive, delay=rounded(factor * delay / step) * step)
@@ -197,11 +195,9 @@ def test_rows_of_the_boards_are_stable_up_to_their_margins(robot, policy):
     spec, task = resolve(policy), linear._without_jitter(get(f"{robot}-nominal"))
     margins, truth = linearize(policy, task).margins(), make_env(spec, task, 1)
     truth.reset(seed=[0])
-    told, delay = task.actuator.facts(task)["delay"], float(truth.truth.delay[0])
+    told, delay = sum(task.actuator.facts(task)["delay"]) / 2, float(truth.truth.delay[0])
     _, learned, *_ = linear._run(spec, task, POINT, [0], {})
-    calm = linear._calm(task, spec).replace(
-        initial_error=0.0, duration=9.0, physics_dt=1e-4, datasheet={"delay": sum(told) / 2}
-    )
+    calm = linear._calm(task, spec).replace(initial_error=0.0, duration=9.0, physics_dt=1e-4, datasheet={"delay": told})
 
     def rests(gain, later):
         steps, gains = round((delay + later) / 1e-4), np.where(np.arange(2) == joint, gain, 1.0)
@@ -219,10 +215,8 @@ def test_rows_of_the_boards_are_stable_up_to_their_margins(robot, policy):
 
 def test_a_schedule_at_rest_has_the_margins_of_its_fast_law():
     """It mixes the careful law in within some 1e-6 rad, less than the steps of the other laws' derivatives."""
-    scheduled, fast = (
-        margin_metrics(resolve(policy), get("geared-nominal"), (0, 4))
-        for policy in ("lqg-elastic-scheduled@tuned", "lqg-elastic@tuned@observer=1.3x")
-    )
+    laws = map(resolve, ("lqg-elastic-scheduled@tuned", "lqg-elastic@tuned@observer=1.3x"))
+    scheduled, fast = (margin_metrics(law, get("geared-nominal"), (0, 4)) for law in laws)
     for one, other in zip(scheduled, fast, strict=True):
         assert one == pytest.approx(other, rel=0.01)
 

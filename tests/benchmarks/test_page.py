@@ -99,9 +99,8 @@ def page(browser, path):
 
 
 def names(page):
-    return page.execute_script(
-        "return [...document.querySelectorAll('#table tbody tr:not([hidden])')].map(row => row.dataset.policy)"
-    )
+    rows = "document.querySelectorAll('#table tbody tr:not([hidden])')"
+    return page.execute_script(f"return [...{rows}].map(row => row.dataset.policy)")
 
 
 def press(page, selector):

@@ -248,9 +248,8 @@ def test_suites(tmp_path):
         built = [scenario.name for scenario in load("ideal").build(["zero"], names).scenarios]
         assert built == [*names[:-1], *map(chosen.format, (1, 2, 3))]
     assert len(Suite("twice", ("zero", "zero"), (scenarios.get("nominal"),) * 2, 1).cells) == 1
-    (file := tmp_path / "mine.toml").write_text(
-        'policies = ["zero"]\nscenarios = ["noise", {name = "own", noise = {position = 0.1}}]\nseeds = 5\n'
-    )
+    text = 'policies = ["zero"]\nscenarios = ["noise", {name = "own", noise = {position = 0.1}}]\nseeds = 5\n'
+    (file := tmp_path / "mine.toml").write_text(text)
     suite = load(str(file)).build()
     assert (suite.scenarios[-1].name, len(suite.cells), suite.cells[0].seeds) == ("own", 4, tuple(range(5)))
     file.write_text("policy = 3\n")

@@ -18,6 +18,7 @@ from benchmarks.run.cell import Cell
 from benchmarks.run.contract import broken
 from benchmarks.run.rollout import rollout
 from controllers import registry
+from controllers.base import leaves
 from controllers.laws.simple import PdGravity
 from controllers.preview import reference_at
 from controllers.registry import CATALOGUE
@@ -40,8 +41,10 @@ def test_a_policy_keeps_every_promise(name):
 
 @pytest.mark.parametrize("name", [name for name in NAMES if controllers.access(name) != "oracle"])
 def test_a_policy_but_an_oracle_holds_plain_data(name):
-    """Its interface and its gains: nothing leads to an environment."""
-    policy = controllers.make(name, TwoLinkArmEnv("mixed-error-3"))
+    """Its interface and its gains: nothing leads to an environment. Its state is no part of the caller's array."""
+    policy = controllers.make(name, env := TwoLinkArmEnv("mixed-error-3"))
+    parts = leaves(policy.predict(observation := env.reset(seed=0)[0])[1])
+    assert not any(np.shares_memory(observation, part) for part in parts if part is not None)
     for field in dataclasses.fields(policy):
         plain = Interface | AdapterSettings | Actor | float | int | str | tuple | None
         assert isinstance(getattr(policy, field.name), plain), field.name

@@ -21,6 +21,11 @@ FRICTION = {f.name: 0.05 if f.name == "load" else 2.0 for f in VARYING if f.path
 SPRING = {"stiffness": (8000.0, 2000.0), "damping": 5.0, "rotor_inertia": (3.0, 1.0), "encoder": "link"}
 
 
+def test_a_failed_drive_gets_a_finite_command():
+    env = TwoLinkArmVectorEnv(1, arm={"gravity": 0.0}, actuator={"gain": (1.0, 0.0)})
+    assert np.isfinite(controllers.make("oracle-flm", env).predict(env.reset(seed=0)[0])[0]).all()
+
+
 @pytest.mark.parametrize("link", [None, 5.0])
 @pytest.mark.parametrize("joint", [None, SPRING])
 def test_the_true_arm_is_predicted(joint, link):

@@ -116,11 +116,12 @@ def test_the_dynamics_equals_mujocos(file):
 ])  # fmt: skip
 def test_torque_limits_of_mujocos_actuators(elbow, limit, doubt, tmp_path):
     xml = tmp_path / "arm.xml"
-    xml.write_text(f"""<mujoco><worldbody><body><joint name="shoulder" axis="0 1 0" actuatorfrcrange="-7 7"/><geom size="0.05"
-        mass="1"/><body pos="0 0 1"><joint name="elbow" axis="0 1 0" stiffness="3"/><geom size="0.05" mass="2" pos="0 0 0.5"/>
-        </body></body></worldbody><actuator><motor joint="shoulder"/>{elbow}</actuator></mujoco>""")
+    xml.write_text(f"""<mujoco><option><flag gravity="disable"/></option><worldbody><body><joint name="shoulder" axis="0 1 0"
+        actuatorfrcrange="-7 7"/><geom size="0.05" mass="1"/><body pos="0 0 1"><joint name="elbow" axis="0 1 0" stiffness="3"/>
+        <geom size="0.05" mass="2" pos="0 0 0.5"/></body></body></worldbody><actuator><motor joint="shoulder"/>{elbow}
+        </actuator></mujoco>""")
     robot = read_robot(f"{xml}:1")
-    assert robot.limit == (7.0, limit)
+    assert (robot.limit, robot.viscous, robot.coulomb, robot.arm.gravity) == ((7.0, limit), *[(None, None)] * 2, 0.0)
     *doubts, spring = robot.doubts
     assert spring == "the spring of elbow is neglected"
     assert doubt in "; ".join(doubts)

@@ -166,6 +166,7 @@ def test_the_statistics_of_an_archive_are_the_nearest_and_named_and_part_of_its_
     checkpoint = path.with_name("rl_model_64_steps.zip")
     without = resolve(str(path), trust=True)
     (numbers := tmp_path / "vecnormalize.pkl").write_bytes(b"no pickle")
+    path.with_suffix(".pkl").touch()  # of something else
     assert statistics(path) == statistics(checkpoint) == [numbers]
     assert "vecnormalize.pkl" in resolve(str(path), trust=True).data.keys() - without.data.keys()
     with pytest.raises(ValueError, match=r"vecnormalize\.pkl must be a file that VecNormalize's save wrote"):
