@@ -34,7 +34,7 @@ MOST_CELLS = 100_000
 
 def over(text: str) -> tuple[str, str, list[Value], bool]:
     """Return an option's path, the scale of its axis, its values, and True if they are factors."""
-    path, _, values = re.sub(r"\[[^]]*\]", "", text).partition("=")  # without kinds, such as disturbance[sine]
+    path, _, values = text.partition("=")
     factors, values = values.startswith("x"), values.removeprefix("x")
     try:
         if path in ("", "name", "description"):

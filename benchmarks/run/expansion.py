@@ -114,18 +114,19 @@ def _scaled(option: str, value: Any, factor: float) -> Any:
 def with_option(scenario: Scenario, option: str, value: float | Pair, *, factor: bool = False) -> Scenario:
     """Return the scenario with another value of an option, which becomes part of its name.
 
-    `option` is its path, such as "noise.position", as `fbl-gym list options` prints it. A pair has
-    the values of the two joints. As a factor, a number multiplies the scenario's value: of both
-    joints, and of a distribution's ends.
+    `option` is its path as `fbl-gym list options` prints it, such as "noise.position" or
+    "disturbance[sine].amplitude". A pair has the values of the two joints. As a factor, a number
+    multiplies the scenario's value: of both joints, and of a distribution's ends.
     """
     changes: Any = value
     if factor:
         given: Any = scenario.to_dict()
         for part in option.split("."):
-            given = given.get(part) if isinstance(given, Mapping) else None
+            given = given.get(part.partition("[")[0]) if isinstance(given, Mapping) else None
         changes = _scaled(option, given, value)  # type: ignore[arg-type]
     for part in reversed(option.split(".")):
-        changes = {part: changes}
+        record, _, kind = part.rstrip("]").partition("[")
+        changes = {record: {"kind": kind, **changes} if kind and isinstance(changes, Mapping) else changes}
     text = "/".join(f"{x:g}" for x in np.ravel(value))
     name = f"{scenario.name},{option}={'x' if factor else ''}{text}"
     with naming(changes):

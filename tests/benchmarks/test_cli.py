@@ -103,7 +103,7 @@ def test_evaluate_prints_the_metrics_that_there_are(fbl_gym):
 def test_a_sweep_names_the_unit_of_its_option():
     units = {"noise.position": " [rad]", "noise.velocity.bias": " [rad/s]", "joint": " [N m/rad]", "encoder": ""}
     assert [sweep._label(option, factor=False) for option in units] == ["".join(pair) for pair in units.items()]
-    assert sweep.over("disturbance[sine].amplitude=1,2")[0] == "disturbance.amplitude"
+    assert with_option(scenarios.get("nominal"), "disturbance[sine].amplitude", 2.0).disturbance.amplitude == (2.0, 2.0)
 
 
 def test_a_pair_is_a_value_and_two_options_make_a_grid_in_latex(folder, fbl_gym):
