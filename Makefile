@@ -9,7 +9,7 @@ PYTHON ?= python3
 BIN := .venv/bin
 INSTALL := $(BIN)/python -m pip install --quiet --disable-pip-version-check --constraint constraints.txt --editable
 
-.PHONY: plot leaderboard test test-long lint format docs constraints test-oldest clean
+.PHONY: plot leaderboard test test-long lint compile format docs constraints test-oldest clean
 
 plot: .venv/ready-bench
 	$(BIN)/fbl-gym evaluate cascade-flm@tuned --scenario everything-2 --plot trace.png
@@ -24,7 +24,8 @@ PAGES := '*.md' docs tests/test_docs.py Makefile
 CODE := fbl_gym controllers benchmarks
 PUBLIC := ^-( *(def|class) [a-zA-Z]|[a-zA-Z]|    [a-z_]+:|.*add_argument)
 
-test: .venv/ready-dev lint
+test: .venv/ready-dev
+	$(MAKE) --no-print-directory -j2 lint compile
 	$(BIN)/python -m pytest -n 2 --dist loadfile
 	if ! git diff --quiet $(BASE) -- $(PAGES) || git diff --no-renames $(BASE) -- $(CODE) | grep -qE '$(PUBLIC)'; then \
 		$(BIN)/python -m pytest -n 2 -m 'slow and page'; fi
@@ -38,6 +39,10 @@ lint: .venv/ready-dev
 	$(BIN)/mypy
 	$(BIN)/lint-imports --no-cache
 	$(BIN)/zizmor --offline --quiet .github
+
+# Compiles what most tests need, once and not in each of their processes.
+compile: .venv/ready-dev
+	$(BIN)/fbl-gym doctor --compile > /dev/null
 
 docs: .venv/ready-dev
 	$(BIN)/sphinx-build -q -E -W --keep-going -b html docs build/docs

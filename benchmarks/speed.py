@@ -145,7 +145,7 @@ SCENARIO, BATCH, ARMS = "servo-delay-2", "geared-delay-2", 32
 WARM_UP = 50
 
 #: Decisions of a policy before those of the next one.
-TURN = 100
+TURN = 300
 
 
 def decisions(policy: str) -> Iterator[float]:
@@ -185,11 +185,11 @@ def batch_decisions(policy: str) -> Iterator[float]:
         observation = env.step(action)[0]
 
 
-def measure_decisions(policies: Sequence[str], turns: int = 20) -> list[tuple[str, float, float]]:
+def measure_decisions(policies: Sequence[str], rounds: int = 7) -> list[tuple[str, float, float]]:
     """Return each policy with its median times [microseconds]: of one arm, of a batch; in turns."""
     loops = {(policy, measure): measure(policy) for policy in policies for measure in (decisions, batch_decisions)}
     waits: dict[Any, list[float]] = {key: [*itertools.islice(loop, WARM_UP, WARM_UP)] for key, loop in loops.items()}
-    for _ in range(turns):
+    for _ in range(rounds):
         for key, loop in loops.items():
             waits[key].extend(itertools.islice(loop, TURN))
     medians = {key: 1e6 * float(np.median(times)) for key, times in waits.items()}
@@ -223,7 +223,7 @@ def main() -> None:
     if arguments.decisions is not None:
         ranked = [name for name in map(str, load("servo").policies) if resolve(name).ranked]
         print(f"{'decision, median microseconds':<42} {'one arm':>8} {'32 arms':>8}")
-        for name, one, batch in measure_decisions(arguments.decisions or ranked):
+        for name, one, batch in measure_decisions(arguments.decisions or ranked, arguments.rounds):
             print(f"{name:<42} {one:>8.0f} {batch:>8.0f}")
         return
     rows = measure_environments(arguments.rounds)

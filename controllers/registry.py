@@ -245,13 +245,15 @@ def make(policy: str | PolicyName | Callable[..., Any], env: Any, **gains: Any) 
     parameters = inspect.signature(build).parameters
     if not parameters:
         raise ValueError(f"{_name_of(policy)} makes no policy: it must take the interface as its first argument")
+    free = any(parameter.kind is parameter.VAR_KEYWORD for parameter in parameters.values())
     for gain, value in gains.items():
-        if gain not in (known := list(parameters)[1:]):
+        if gain not in (known := list(parameters)[1:]) and not free:
             undecorated = isinstance(build, type) and "__dataclass_params__" not in vars(build)
             hint = "; are @dataclass(frozen=True) and its annotation missing?" if undecorated else ""
             raise ValueError(f"{unknown(f'argument of {_name_of(policy)}', gain, known)}{hint}")
         if isinstance(value, Multiple):
-            gains[gain] = value.of(gain, tuned.get(gain, parameters[gain].default))
+            default = parameters[gain].default if gain in parameters else None
+            gains[gain] = value.of(gain, tuned.get(gain, default))
     gains = tuned | gains
     if access(policy) == "oracle":
         if isinstance(env, Interface):

@@ -233,9 +233,10 @@ class Runner:
                 raise ValueError(f"{name} must {right}: this scenario needs {' and '.join(needs)}")
         motion = np.concatenate([_numbers(name, given[name], 2) for name in needs])
         ahead = _numbers("reference", reference, 6 * self.rows)
+        check_number("time", now)
         rounding = 2.0 * float(np.spacing(now))  # of this time and the last one, in the clock's precision
         now, late = float(now), self._max_interval + 1e-3 * self.control_dt + rounding
-        if not (math.isfinite(now) if begins else 0.0 < now - self._last <= late):
+        if not (begins or 0.0 < now - self._last <= late):
             right = f"time must go on by at most {self._max_interval:g} s from reading to reading"
             raise ValueError(f"{right}, got {now:g} s after {self._last:g} s")
         position = motion[:2]

@@ -71,7 +71,7 @@ def load_zip(path: str | Path, interface: Interface, trust: bool = False) -> Pol
             model = NormalizedModel(model, pickle.loads(saved.read_bytes()))
     if (tracked := _tracked(model, interface)) is not None:
         return TrackingModel(model, interface, *tracked)
-    seen = "TwoLinkArmTracking-v0, maybe in frame stacks, or TwoLinkArm-v0, with the same preview (add-a-policy.md)"
+    seen = "TwoLinkArmTracking-v0 (with history or stacked frames, not both) or TwoLinkArm-v0, with the same preview"
     _check_space(model, interface, "observation_space", seen)
     _check_space(model, interface, "action_space", f'action="{interface.action}"')
     return model

@@ -34,6 +34,8 @@ def compare_orders(first: Board, second: Board, rows: Sequence[str]) -> Agreemen
     their seeds, so each seed gives one mean over scenarios and training seeds. A row whose runs all
     diverge on both boards has no place in an order.
     """
+    if not rows:
+        return Agreement(np.nan, 0, np.nan, 0)
     signs, clear, lost = [], [], []
     for board in (first, second):
         chosen = [board.policies.index(row) for row in rows]

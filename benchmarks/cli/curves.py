@@ -65,7 +65,7 @@ def read_groups(folders: Sequence[Path]) -> tuple[Group, ...]:
             run["best"] = np.minimum.accumulate(table["validation_mrad"].to_numpy(float))
             if not run["steps"][-1] > 0:
                 raise ValueError("it was stopped before its second validation")
-        except (OSError, ValueError, KeyError, TypeError, AttributeError) as problem:
+        except (OSError, ValueError, LookupError, TypeError, AttributeError) as problem:
             reason = reason_of(problem)
             raise ValueError(f"RUN must be a folder of fbl-gym train, got {str(folder)!r} ({reason})") from None
         _, runs = groups.setdefault(settings, (folder.resolve().name.removesuffix(f"-{seed}"), {}))

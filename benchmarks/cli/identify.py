@@ -23,6 +23,8 @@ from fbl_gym.scenarios.files import split
 
 #: Lengths of the rollouts of `--validate` [s].
 HORIZONS = (0.1, 0.5, 1.0)
+#: Errors of a log's zeros above that are printed [rad].
+NOTABLE = 0.03
 
 
 def run(arguments: argparse.Namespace) -> int:
@@ -49,6 +51,9 @@ def run(arguments: argparse.Namespace) -> int:
             fit = identify(runs, start, lambda text: progress.update(task, advance=1, description=text))
         parameters = fit.parameters
         _print(fit)
+        for log, zero in zip(runs, fit.zero, strict=True):
+            if np.abs(zero).max() > NOTABLE:
+                say(f"{log.name}: its zeros are off by {zero[0]:.4f} and {zero[1]:.4f} rad, to be added to --zero")
         refuse_meaningless(fit, start, [log.name for log in runs])
         if arguments.toml is not None:
             base = result.reached(arguments.start, arguments.toml)

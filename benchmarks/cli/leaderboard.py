@@ -54,7 +54,11 @@ def run(arguments: argparse.Namespace) -> int:
         say(f"fbl-gym: no cell has a result; {failed.cell.id} failed: {failed.error}", sys.stderr)
         return 1
     boards = boards_of(suites, results)
-    some = (SHOWN, [*map(str, arguments.policy)]) if arguments.short else ()
+    asked = {*map(str, arguments.policy)}
+    every = [
+        (row, {row, *(spec.name for spec in specs)}) for board in boards.values() for row, specs in board.rows.items()
+    ]
+    some = (SHOWN, [row for row, names in every if names & asked]) if arguments.short else ()
     terminal.leaderboards(terminal.Screen(), boards, *some)
     write(arguments.tex, "table", lambda path: write_board(path, boards[suites[0].name], command_line()))
     first = f"the first {SHOWN} of each board; " if arguments.short else ""

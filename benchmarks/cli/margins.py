@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 
 from benchmarks.cli.common import write
+from benchmarks.policies.isolation import Failed
 from benchmarks.policies.spec import resolve
 from benchmarks.report.plot import Line, Panel, plot_lines
 from benchmarks.report.terminal import show
@@ -31,7 +32,7 @@ def run(arguments: argparse.Namespace) -> int:
                 f"{min(margins['phase']):.0f} deg", f"{1e3 * delay:.1f} ms", f"{delay / scenario.control_dt:.2f}",
                 f"{max(margins['sensitivity']):.2f}", f"{max(margins['complementary']):.2f}",
             ))  # fmt: skip
-        except ValueError as problem:
+        except (ValueError, Failed) as problem:
             remarks.append(f"no margins of {policy}: {problem}")
     if rows:
         header = ("policy", "gain margin", "phase margin", "delay margin", "in samples", "peak of S", "peak of T")

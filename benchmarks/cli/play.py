@@ -140,7 +140,7 @@ class Game:
         self.arms = [Arm(opened, laws, law) for law in range(min(len(laws), 2))]
         self.size = (SIZE * len(self.arms), SIZE + 2 * STRIP + 2 * LINE)
         self.mass, self.reach = 0.1 * (nominal.m1 + nominal.m2), nominal.L1 + nominal.L2
-        limit = np.ravel(scenario.actuator.torque_limit or 100.0 * self.mass * self.reach)[0]
+        limit = np.max(scenario.actuator.torque_limit or 0.0) or 100.0 * self.mass * self.reach
         self.stiffness = float(limit) / self.reach**2  # of the spring between mouse and link [N/m]
         self.start()
 

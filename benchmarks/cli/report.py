@@ -26,6 +26,8 @@ def run(arguments: argparse.Namespace) -> int:
         )
     some = [suite for suite in suites if any(result.rows for result in results[suite.name])]
     boards = {suite.name: assemble(results[suite.name], suite.cells) for suite in some or suites}
+    for name in [suite.name for suite in suites if suite.name not in boards]:
+        say(f"fbl-gym: {name} has no results, and no report", sys.stderr)
     terminal.leaderboards(terminal.Screen(), boards)
     for name, board in boards.items():
         folder = out / name if len(suites) > 1 else out
@@ -44,5 +46,5 @@ def run(arguments: argparse.Namespace) -> int:
         write_text(docs / "results" / "board.md", markdown.board_page(boards))
         plot_errors(boards, docs / "pictures" / "errors.svg")
     failures = [some for board in boards.values() for some in (board.incomplete, *board.failed.values())]
-    lacking = any(board.lacking for board in boards.values())
+    lacking = len(boards) < len(suites) or any(board.lacking for board in boards.values())
     return int(lacking or any(counts(error) for some in failures for error in some.values()))

@@ -45,7 +45,7 @@ def doubts(scenario: Scenario) -> Iterator[str]:
     if scenario.actuator.torque_limit is not None:
         share = _share(scenario, *reference_motion(scenario, SEEDS))
         if share[np.array(scenario.actuator.torque_limit) > 0].max(initial=0.0) > 100.0:
-            yield f"its motion needs {_both(share, '%')} of actuator.torque_limit, which is in N m"
+            yield f"its motion needs {_both(share, '% of actuator.torque_limit')}, which is in N m"
     if scenario.joint is not None:
         stiffness, _ = scenario.joint.springs(scenario.arm, middle)
         rate, _ = _modes(inertia_matrix(scenario.arm.lumped, (0.0, 0.0)), stiffness)
@@ -151,4 +151,4 @@ def _percent(torque: Array, limit: Array) -> Array:
 
 
 def _both(numbers: Array, unit: str) -> str:
-    return f"{numbers[0]:.3g}, {numbers[1]:.3g} {unit}".rstrip()
+    return f"{', '.join(f'{x:.3g}' if x < np.inf else 'no drive' for x in numbers)} {unit}".rstrip()

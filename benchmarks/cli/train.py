@@ -61,5 +61,7 @@ def _in_tier(tier: str, severities: Sequence[int]) -> tuple[str, ...]:
     for severity in severities:
         if scenarios.in_tier(tier, (severity,)) == single:
             known = [each for each in range(4) if scenarios.in_tier(tier, (each,)) != single]
+            if not known:
+                return single
             raise ValueError(f"--severity must be one of {', '.join(map(str, known))} for {tier}, got {severity}")
     return scenarios.in_tier(tier, severities)

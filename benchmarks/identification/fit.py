@@ -40,7 +40,7 @@ UNEXPLAINED = 0.6
 MIXED = 3.0
 
 CHECK = (
-    "Check units (rad and N m; degrees and amperes by --signals position=deg torque=0.1*A), signs, zeros (--zero), "
+    "Check units (s, rad and N m; degrees and amperes by --signals position=deg torque=0.1*A), signs, zeros (--zero), "
     "the order of the joints, whether position 2 counts from link 1, the lengths of --start; or give logs of larger "
     "motions"
 )
@@ -319,8 +319,12 @@ def refuse_meaningless(fit: Fit, start: Scenario, names: Sequence[str]) -> None:
         most = LIKELY if name == masses[1] else PLAUSIBLE
         if not 1 / most < ratio < most:
             reasons.append(f"{name} is {ratio:.3g} times that of --start")
+    for inertia, weight in zip(("p1", "p2"), masses, strict=True) if start.arm.gravity > 0 else ():
+        ratio, shape = (fit.parameters[INDEX[name]] / max(given[INDEX[name]], 1e-12) for name in (inertia, weight))
+        if (most := min(ratio, ratio / shape)) > PLAUSIBLE or max(ratio, ratio / shape) < 1 / PLAUSIBLE:
+            reasons.append(f"{inertia} is {ratio:.3g} times that of --start, unlike {weight}: is time in s?")
     for name, zero in zip(names, fit.zero, strict=True):
-        if np.abs(zero).max() > 5 * ZERO_SPREAD:
+        if np.abs(zero).max() > 3 * ZERO_SPREAD:
             reasons.append(f"the zeros of {name} are off by {zero[0]:.4f} and {zero[1]:.4f} rad: add them to --zero")
     try:
         arm_of(fit.parameters, start.arm)

@@ -113,10 +113,15 @@ def _plain(name: str) -> str:
     return re.sub(r"[^\w\u0300-\u036f]|_", "", last)  # accents count: q is not its rate
 
 
+def _unit(name: str) -> str:
+    """Return the unit in a column's name, or ""."""
+    found = _UNIT.search(name.lower())
+    return re.sub(r"[\s.*·⋅]", "", (found[1] or found[2] or "") + "/s" * bool(found[3])) if found else ""
+
+
 def _factor(path: Path, signal: str, name: str) -> float:
     """Return the factor of the unit in a column's name; 1 if there is none."""
-    found = _UNIT.search(name.lower())
-    unit = re.sub(r"[\s.*·⋅]", "", (found[1] or found[2] or "") + "/s" * bool(found[3])) if found else ""
+    unit = _unit(name)
     if signal == "torque" and re.fullmatch(r"(i|current)\d?", _plain(name)):
         unit = "a"
     if unit in _OTHER.union(*_NAMED.values()) - {*_NAMED[signal]}:
@@ -142,6 +147,7 @@ def _choose(path: Path, signal: str, items: tuple[str, ...], names: list[str]) -
         return [plain[key][0] for key in keys]
 
     scale, scaled, chosen = 1.0, False, dict[str, float]()
+    amperes = any("A" in item.split("*") for item in items if item not in names)
     for item in items:
         if item == "A" and item not in names:
             raise ValueError(f"--signals {signal}=A needs the torque constant [N m/A], as in {signal}=0.091*A")
@@ -158,7 +164,10 @@ def _choose(path: Path, signal: str, items: tuple[str, ...], names: list[str]) -
     chosen = chosen or dict.fromkeys(of_joints(MEANINGS[signal].split()), 1.0)
     if signal == "time" and not items and [_plain(name) for name in chosen] in (["sec"], ["secs"]):  # a stamp of ROS
         chosen |= dict.fromkeys(of_joints(["nanosec", "nsecs"]), 1e-9)
-    return {name: size * (scale if scaled else scale * _factor(path, signal, name)) for name, size in chosen.items()}
+    for name in chosen:
+        milli = 1e-3 if amperes and _unit(name) == "ma" else 1.0
+        chosen[name] *= scale * (milli if scaled else _factor(path, signal, name))
+    return chosen
 
 
 def _signals(path: Path, table: Any, mapping: Columns) -> tuple[dict[str, Array], list[str]]:
@@ -212,7 +221,8 @@ def read(path: Path, mapping: Columns | None = None, zero: Sequence[float] = (0.
     even = at_times[:-1, :2] + zero
     held = np.diff(at_times[:, 2:], axis=0) / dt  # the mean of the held command over each step
     states = np.hstack([smooth(even, dt, order) for order in (0, 1)])
-    counts, (difference, how) = _counts(position), _velocity(path, signals.get("velocity"), position, time)
+    counts = _counts(position)
+    difference, how = _velocity(path, signals.get("velocity"), position, time, counts)
     peak = np.abs(torque).max(axis=0)
     full = (np.abs(torque) >= peak * (1 - 1e-9)).sum(axis=0) * (peak > 0)
     remarks = (
@@ -267,6 +277,8 @@ def _read_text(text: str) -> Any:
     rows = {n: line for n, line in lines.items() if line.lstrip()[0] not in "#%"}
     first = min(rows, default=0)
     separator = next((each for each in ";\t|," if each in rows.get(first, "")), r"\s+")
+    if separator == r"\s+" and rows:  # a unit belongs to the name before it
+        rows[first] = re.sub(r"\s+(?=[\[(])", "", rows[first])
 
     def split(line: str) -> list[str]:
         return [part.strip(' "') for part in re.split(separator.replace("|", "[|]"), line.strip())]
@@ -346,21 +358,28 @@ def _counts(position: Array) -> Array:
     return counts
 
 
-def _velocity(path: Path, velocity: Array | None, position: Array, time: Array) -> tuple[int, str]:
+def _velocity(path: Path, velocity: Array | None, position: Array, time: Array, counts: Array) -> tuple[int, str]:
     """Return the samples of the difference that the velocity is, and how it was computed."""
     if velocity is None:
         return 0, "not logged"
     for n in range(1, 9):
         difference = (position[n:] - position[:-n]) / (time[n:] - time[:-n])[:, None]
-        if np.median(np.abs(difference - velocity[n:])) < 0.05 * np.median(np.abs(velocity)):
+        apart, every = np.median(np.abs(difference - velocity[n:])), n * np.median(np.diff(time))
+        # A better velocity differs by 0.3 steps of the encoder from a difference of its readings.
+        step = 2 * np.pi / counts.max() if counts.any() else np.inf
+        if apart < min(0.05 * np.median(np.abs(velocity)), 0.2 * step / every):
             return n, f"difference of positions {n} sample{'s' * (n > 1)} apart"
     slope = smooth(position, float(np.median(np.diff(time))), 1)
     for joint, (one, other) in enumerate(zip(velocity.T, slope.T, strict=True), 1):
         factor = one @ other / (other @ other)  # the least squares of velocity = factor * slope
-        if (one @ other) ** 2 > 0.8 * (one @ one) * (other @ other) and not 0.5 < factor < 2.0:
+        alike = (one @ other) ** 2 / max((one @ one) * (other @ other), 1e-30)
+        far = f"is {factor:.3g} times as fast" if alike > 0.8 and not 0.5 < factor < 2.0 else ""
+        if np.ptp(position[:, joint - 1]) > 0.1 and alike < 0.5:  # a joint that rests has noise alone
+            far = f"shares {100 * alike:.0f} % of its motion"
+        if far:
             raise ValueError(
-                f"{path}: velocity {joint} must be that of position {joint}, but is {factor:.3g} times as fast: check the "
-                "units of time, position and velocity, or leave it out by --signals velocity="
+                f"{path}: velocity {joint} must be that of position {joint}, but {far}: check the units of time, position "
+                "and velocity and the order of columns, or leave it out by --signals velocity="
             )
     noise = np.std(velocity - slope, axis=0)
     return 0, f"measured, noise {noise[0]:.3g} and {noise[1]:.3g} rad/s"

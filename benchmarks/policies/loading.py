@@ -108,7 +108,7 @@ def _attribute(name: PolicyName, module: ModuleType) -> Callable[..., Any]:
     if callable(factory):
         return factory
     classes = (value for value in vars(module).values() if isinstance(value, type))
-    own = [each.__name__ for each in classes if each.__module__ == module.__name__]
+    own = [*dict.fromkeys(each.__name__ for each in classes if each.__module__ == module.__name__)]
     if name.attribute or not own:
         raise NotFound(str(unknown(f"factory of {name.source}", name.attribute or ATTRIBUTE, own)))
     source = name.source

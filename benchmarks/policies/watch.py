@@ -46,6 +46,7 @@ class Watch:
     def __init__(self, policy: PolicySpec) -> None:
         self.seen: dict[str, None] = {}
         self._home = Path(next(iter(policy.files.values()), ".")).parent
+        self._factory = policy.parsed.attribute or "make_policy"
         # Warnings and tracebacks read the sources of modules that are loaded.
         loaded = {str(getattr(module, "__file__", None)) for module in [*sys.modules.values()]}
         folders = {str(folder) for file in policy.data for folder in Path(policy.files.get(file, "")).parents}
@@ -103,7 +104,7 @@ class Watch:
             ours = place(path) == "ours"
             name = os.path.relpath(path, ROOT if ours else self._home)
             declared = 'uses = ("LAW",), with the name of its law' if ours else f'data_files = ("{name}",)'
-            self.seen[f"it reads {name}, which its key does not cover: add make_policy.{declared}"] = None
+            self.seen[f"it reads {name}, which its key does not cover: add {self._factory}.{declared}"] = None
 
     def _is_free(self, path: str) -> bool:
         """Return True for files of the system, Python, packages, and fbl-gym beside policies."""

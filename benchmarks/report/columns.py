@@ -113,9 +113,11 @@ def leaders(board: Board) -> Table:
     rows = []
     for family, some in board.families.items() if board.ranked else ():
         error = board.error(some).value
-        first, second, *_ = sorted(board.ranked, key=lambda i: error[i])[:2] * 2
-        errors, mrad = [f"{number(error[i])} %" for i in (first, second)], f"{number(board.mrad(some)[first])} mrad"
-        rows.append([family, board.policies[first], errors[0], mrad, board.policies[second], errors[1]])
+        first, *others = sorted(board.ranked, key=lambda i: error[i])[:2]
+        cells = [[board.policies[i], f"{number(error[i])} %"] for i in (first, *others)]
+        rows.append(
+            [family, *cells[0], f"{number(board.mrad(some)[first])} mrad", *(cells[1] if others else ("–", "–"))]
+        )
     return Table(["family", "first", "error", "", "second", "error"], rows)
 
 

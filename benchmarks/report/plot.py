@@ -104,7 +104,7 @@ def plot_lines(
     columns = width or 2
     across = min(across or columns, len(panels))
     rows = -(-len(panels) // across)
-    labels = [line.label for line in panels[0].lines if not line.label.startswith("_")]
+    labels = [line.label for line in panels[0].lines if line.label != "_"]
     in_row = min(max(1, int(WIDTHS[columns] / (0.065 * max(map(len, labels)) + 0.5))), len(labels))
     height = rows * (2.2 if rows == 1 else 1.5) + 0.16 * (-(-len(labels) // in_row) + (width is None))
     same_x = len({(panel.x, line.x[0], line.x[-1]) for panel in panels for line in panel.lines}) == 1
@@ -131,7 +131,7 @@ def _draw(axes: Any, panel: Panel) -> None:
         color = line.color or COLORS[i % len(COLORS)]
         many = len(line.x) > 24
         axes.plot(
-            line.x, line.y, color=color, linestyle=line.style or DASHES[i % len(DASHES)], label=line.label.replace("$", r"\$"),
+            line.x, line.y, color=color, linestyle=line.style or DASHES[i % len(DASHES)], label=_shown(line.label),
             marker=None if line.color else MARKERS[i % len(MARKERS)],
             markevery=(i * len(line.x) // 40 % (len(line.x) // 6), len(line.x) // 6) if many else None,
         )  # fmt: skip
@@ -145,6 +145,11 @@ def _draw(axes: Any, panel: Panel) -> None:
     for axis, scale in zip((axes.xaxis, axes.yaxis), panel.scales, strict=True):
         if scale == "log":
             _label_plainly(axis)
+
+
+def _shown(label: str) -> str:
+    """Return a label as matplotlib draws it: no formula, and no line without an entry but `_`."""
+    return " " * (label[1:] != "" and label[0] == "_") + label.replace("$", r"\$")
 
 
 def _label_plainly(axis: Any) -> None:

@@ -61,7 +61,7 @@ def members(
             rows[row] = (*rows.get(row, ()), spec)
     for run in runs.values():
         seed, spec = next(iter(run.items()))
-        name = spec.name.removesuffix(f"-{seed}") if len(run) > 1 else spec.name
+        name = spec.name.rstrip("/\\").removesuffix(f"-{seed}") if len(run) > 1 else spec.name
         taken = name in rows or any(name == other.name for other in given)
         rows[spec.name if taken else name] = tuple(run.values())
     specs = dict.fromkeys(spec for row in rows.values() for spec in row)
@@ -78,7 +78,7 @@ def expand(tasks: Sequence[str | Mapping[str, Any] | Scenario]) -> tuple[Scenari
         if not isinstance(name, str) or split_file(name)[0] or name.partition("@")[0] in scenarios.names():
             chosen.append(as_scenario(name))
             continue
-        family = [member for tier in scenarios.TIERS for member in scenarios.in_tier(tier) if member[:-2] == name]
+        family = [member for tier in scenarios.TIERS for member in scenarios.in_tier(tier) if member[:-1] == f"{name}-"]
         if not family:
             raise unknown("scenario or family", name, (*scenarios.families(), *scenarios.names()))
         chosen.extend(map(scenarios.get, family))
@@ -100,6 +100,11 @@ def distinguish(tasks: Sequence[Scenario]) -> tuple[Scenario, ...]:
     return tuple(distinct.values())
 
 
+def _whole(x: float) -> float:
+    """Return a whole number as an int, which options such as `encoder.latency` ask for."""
+    return int(x) if x == round(x) else x
+
+
 def _scaled(option: str, value: Any, factor: float) -> Any:
     """Return the numbers of an option times a factor."""
     if isinstance(value, Mapping):
@@ -108,7 +113,7 @@ def _scaled(option: str, value: Any, factor: float) -> Any:
         return [_scaled(option, each, factor) for each in value]
     if isinstance(value, bool) or not isinstance(value, int | float):
         raise ValueError(f"{option} must be numbers to multiply by x{factor:g}, got {value!r}: give values without x")
-    return factor * value
+    return _whole(factor * value)
 
 
 def with_option(scenario: Scenario, option: str, value: float | Pair, *, factor: bool = False) -> Scenario:
@@ -118,7 +123,7 @@ def with_option(scenario: Scenario, option: str, value: float | Pair, *, factor:
     "disturbance[sine].amplitude". A pair has the values of the two joints. As a factor, a number
     multiplies the scenario's value: of both joints, and of a distribution's ends.
     """
-    changes: Any = value
+    changes: Any = tuple(map(_whole, value)) if isinstance(value, tuple) else _whole(value)
     if factor:
         given: Any = scenario.to_dict()
         for part in option.split("."):

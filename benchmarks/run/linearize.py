@@ -24,7 +24,7 @@ from fbl_gym.kernel.batch import Truth
 from fbl_gym.model.arm import Array
 from fbl_gym.options import ArrayReference, Encoder, Friction, Payload
 from fbl_gym.records.checks import Pair, check_pair
-from fbl_gym.records.record import Distribution, ends, scaled
+from fbl_gym.records.record import Distribution, ends
 from fbl_gym.scenarios import Scenario, as_scenario
 from fbl_gym.scenarios.classes import CLASSES
 
@@ -81,7 +81,8 @@ def linearize_all(
     point = check_pair("at", at)
     if not spec.ranked:
         raise NotLinear("the policy reads the true state")
-    reference, duration = ArrayReference(position=(point,)), SETTLING + scenario.control_dt
+    steps = round(SETTLING / scenario.control_dt) + 1
+    reference, duration = ArrayReference(position=(point,)), steps * scenario.control_dt
     calm = _calm(scenario, spec).replace(reference=reference, initial_error=0.0, duration=duration)
     env, told = make_env(spec, calm, len(seeds)), make_env(spec, scenario, 1).interface
     # A law designs its filter for the sensors that the datasheet states; here they read exactly.
@@ -237,7 +238,8 @@ def _calm(scenario: Scenario, spec: PolicySpec) -> Scenario:
     friction = None if scenario.friction is None else Friction(viscous=scenario.friction.viscous)
     # Small motions stay within the limits, but the steps of a difference quotient may not.
     # The actions of an agent are shares of the limits.
-    limit = drive.torque_limit and scaled(drive.torque_limit, 10.0 if spec.kind == "classical" else 1.0)
+    times = 10.0 if spec.kind == "classical" else 1.0
+    limit: Any = drive.torque_limit and np.minimum(times * np.array(drive.torque_limit), 1e30)
     drive = dataclasses.replace(drive, ripple=0.0, torque_limit=limit)
     calm: dict[str, Any] = {"noise": None, "disturbance": None, "constraints": None, "events": ()}
     return scenario.replace(parameter_error=error, friction=friction, encoder=encoder, actuator=drive, **calm)

@@ -4,6 +4,7 @@ A diverged run counts: from the sample at which it ended on, the error of both j
 turn, the largest error of any sample. No policy gains by diverging.
 """
 
+import itertools
 import tomllib
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -154,10 +155,10 @@ def _recovery(trace: Trace, error: Array) -> Array:
     hold = max(round(HOLD / dt), 1)
     results = np.full((3, len(trace.seeds)), np.nan)
     for lane in np.flatnonzero(trace.alive[-1]) if trace.event_times.size else ():
-        starts = np.unique(np.floor(trace.event_times[lane] / dt + 1e-6).astype(int))
-        starts = starts[starts < last]
+        times = trace.event_times[lane] / dt + 1e-6
+        starts = np.unique(np.floor(times[times < last]).astype(int))
         events = []
-        for begin, end in zip(starts, [*starts[1:], last], strict=True):
+        for begin, end in itertools.pairwise([*starts, last]):
             first = max(begin - round(LOOK_BACK / dt), 0)
             level = max(error[first : begin + 1, lane].max(), LEAST_LEVEL)
             after = error[begin + 1 : end + 1, lane]
@@ -190,8 +191,10 @@ def _steps(trace: Trace) -> Array:
     The times are in s.
     """
     reference, dt = trace.scenario.reference, trace.scenario.control_dt
-    period = round(reference.period / dt) if isinstance(reference, Steps | FilteredSteps) else len(trace.time)
-    starts = np.arange(0, len(trace.time) - period, period)
+    time = reference.period / dt if isinstance(reference, Steps | FilteredSteps) else len(trace.time)
+    period = int(time + 1e-9)
+    starts = np.ceil(time * np.arange(len(trace.time) // max(period, 1)) - 1e-6).astype(int)
+    starts = starts[starts < len(trace.time) - period]
     if not starts.size:
         return np.full((3, len(trace.seeds)), np.nan)
     # Arrays of all steps, [steps x samples x n x 2] and without the samples.

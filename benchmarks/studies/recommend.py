@@ -16,6 +16,7 @@ import numpy as np
 import controllers
 from benchmarks.analysis.board import Board, assemble
 from benchmarks.analysis.statistics import proportion
+from benchmarks.policies.isolation import Failed
 from benchmarks.policies.spec import PolicySpec, resolve
 from benchmarks.run.cell import Cell
 from benchmarks.run.expansion import distinguish
@@ -147,7 +148,9 @@ def push(base: Scenario, kind: str, factor: float, robot: str) -> Scenario:
         case "disturbance":
             if base.disturbance is not None and not hasattr(base.disturbance, "amplitude"):
                 return base
-            usual = PiecewiseConstantDisturbance(**conditions(base.arm, robot, "disturbance", 2)["disturbance"])
+            period = max(1, round(0.5 / base.physics_dt)) * base.physics_dt
+            given = {**conditions(base.arm, robot, "disturbance", 2)["disturbance"], "period": period}
+            usual = PiecewiseConstantDisturbance(**given)
             changes = {"disturbance": _larger(base.disturbance, usual, ("amplitude",), factor)}
         case "noise":
             noise = getattr(base.noise, "position", None) or SensorError()
@@ -377,7 +380,7 @@ def margins_of(policy: PolicySpec | str, base: Scenario) -> tuple[float, float, 
     spec = resolve(policy)
     try:
         margins = spec.call(margins_as_data, spec, base)
-    except ValueError as problem:  # of an external policy, an `Unstable` arrives as its text alone
+    except (ValueError, Failed) as problem:  # of an external policy, an `Unstable` arrives as its text alone
         unknown = 0.0 if UNSTABLE in str(problem) else math.nan
         return unknown, unknown, str(problem)
     return min(margins["phase"]), margins["delay"] / base.control_dt, ""

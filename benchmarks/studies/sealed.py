@@ -108,6 +108,8 @@ def main(argv: Sequence[str] | None = None) -> None:
     number = int(board.version, 16) if arguments.number is None else arguments.number
     tasks = [draw(number, arguments.suite, family) for family in names]
     first = {board.policies[i]: board.specs[i] for i in board.order if i in board.ranked}
+    if not first:
+        parser.exit(1, "--policies must have one that is ranked and has results\n")
     sealed = {(name, task.name): Cell(spec, task, seeds) for name, spec in first.items() for task, seeds in tasks}
     results = {result.cell.id: result for _, result in run_cells([*sealed.values()], store, workers=arguments.workers)}
     table = {name: [results[sealed[name, task.name].id] for task, _ in tasks] for name in first}

@@ -1,5 +1,6 @@
 """The batched environment for training: with an agent's view of it, and as SB3's `VecEnv`."""
 
+from itertools import chain
 from typing import Any
 
 import numpy as np
@@ -39,7 +40,8 @@ class VectorAdapter(VectorWrapper):
     def reset(self, *, seed: Any = None, options: dict[str, Any] | None = None) -> tuple[Array, dict[str, Any]]:
         """Start an episode in every lane, as Gymnasium's `VectorEnv.reset`."""
         self._observation, infos = self.env.reset(seed=seed, options=options)
-        self._state = self._adapter.initial(self._observation)
+        state, mask = self._adapter.initial(self._observation), (options or {}).get("reset_mask")
+        self._state: Any = state if mask is None else where_lanes(mask, state, self._state)
         return self._adapter.observe(self._observation, self._state), infos
 
     def step(self, actions: Array) -> tuple[Array, Array, Array, Array, dict[str, Any]]:
@@ -83,7 +85,8 @@ class ArmVecEnv(VecEnv):
         for mode in (env.metadata["autoreset_mode"] for env in envs):
             if mode != AutoresetMode.SAME_STEP:
                 raise ValueError(f'env must be made with autoreset_mode="SameStep", got {mode.value!r}')
-        self._batch = batch = SideBySideVectorEnv(*envs)
+        parts = (env.envs if isinstance(env, SideBySideVectorEnv) else (env,) for env in envs)
+        self._batch = batch = SideBySideVectorEnv(*chain(*parts))
         super().__init__(batch.num_envs, batch.single_observation_space, batch.single_action_space)
         self.metadata = batch.metadata
 
@@ -94,7 +97,8 @@ class ArmVecEnv(VecEnv):
         """
         for options in self._options:
             check_reset_options(options, ())
-        observations, _ = self._batch.reset(seed=self._seeds[0])
+        observations, infos = self._batch.reset(seed=self._seeds[0])
+        self.reset_infos = _split(infos, [{} for _ in range(self.num_envs)])
         self._reset_seeds()
         self._reset_options()
         return observations
@@ -109,12 +113,14 @@ class ArmVecEnv(VecEnv):
         terminated, truncated = (flags.astype(bool) for flags in ends)
         done = terminated | truncated
         infos: list[dict[str, Any]] = [{"TimeLimit.truncated": cut} for cut in (truncated & ~terminated).tolist()]
-        if "cost" in batch_infos:
-            last = batch_infos.get("final_info", batch_infos)["cost"]
-            for info, cost in zip(infos, np.where(done, last, batch_infos["cost"]).tolist(), strict=True):
-                info["cost"] = cost
         for lane in np.flatnonzero(done):
             infos[lane]["terminal_observation"] = batch_infos["final_obs"][lane]
+            self.reset_infos[lane] = {}
+        # A lane that ended has the measures of its last step, and the context of its next episode.
+        context: Any = {name: batch_infos.pop(name) for name in ("context", "_context") if name in batch_infos}
+        _split(batch_infos, infos)
+        _split(batch_infos.get("final_info", {}), infos)
+        _split(context, self.reset_infos)
         return observations, rewards.astype(np.float32), done, infos
 
     def close(self) -> None:
@@ -142,3 +148,12 @@ class ArmVecEnv(VecEnv):
     def env_is_wrapped(self, _: type, indices: Any = None) -> list[bool]:
         """Return False for each lane, since no lane has wrappers."""
         return [False for _ in self._get_indices(indices)]
+
+
+def _split(batch_infos: dict[str, Any], infos: list[dict[str, Any]]) -> list[dict[str, Any]]:
+    """Add to the infos of lanes what a batch reports of them; return them."""
+    for name, values in batch_infos.items():
+        if f"_{name}" in batch_infos and not name.startswith("final_"):
+            for lane in np.flatnonzero(batch_infos[f"_{name}"]):
+                infos[lane][name] = values[lane].tolist() if values.ndim == 1 else values[lane]
+    return infos

@@ -31,7 +31,8 @@ def practice(base: Scenario) -> Scenario:
         return base
     move_time = CLASSES[likeness(base)[0][0]].move_time
     motion = FourierReference(amplitude=(1.5, 2.0), frequency=0.24 / move_time, harmonics=4)
-    return base.replace(reference=motion, duration=min(base.duration, 4.8), events=(), plant=None)
+    steps = min(base.steps, round(4.8 / base.control_dt))
+    return base.replace(reference=motion, duration=steps * base.control_dt, events=(), plant=None)
 
 
 def tasks_of(base: Scenario, policies: Sequence[str], margins: tuple[float, float]) -> list[Task]:

@@ -191,8 +191,9 @@ def tune(
         return cost
 
     try:
-        if len(finished(study)) < trials:
-            enough = MaxTrialsCallback(trials, states=(TrialState.COMPLETE, TrialState.FAIL))
+        states = TrialState.COMPLETE, TrialState.FAIL
+        if len(study.get_trials(deepcopy=False, states=states)) < trials:
+            enough = MaxTrialsCallback(trials, states=states)
             study.optimize(objective, catch=(ValueError, ArithmeticError), callbacks=[enough])
     except Exception as problem:
         if isinstance(problem.__context__, KeyboardInterrupt):  # it came while Optuna stored the trial

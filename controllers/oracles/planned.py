@@ -135,7 +135,12 @@ class OraclePlanned(OracleElastic):
         """Return the reference of each lane's episode from its start [lanes x steps + 1 x 6]."""
         scenario = self.env.scenario.replace(plant=None)
         twin = TwoLinkArmVectorEnv(lanes, scenario, action=self.interface.action, preview=steps)
-        twin._batch.seed(np.arange(lanes), *map(self.env._batch.field, ("seed", "episode")))
+        batch = self.env._batch
+        twin._batch.seed(np.arange(lanes), *map(batch.field, ("seed", "episode")))
+        if hasattr(scenario.reference, "points"):  # its way-points, which `reset` may have given
+            first, count = (int(batch.settings[name]) for name in ("waypoint_row", "reference_points"))
+            rows = batch._rows[:, first : first + 2 * count].swapaxes(1, 2)
+            twin._batch.give(np.arange(lanes), {"reference": rows.reshape(-1, count, 2)[:lanes]})
         observation = np.empty((lanes, twin.layout.size))
         twin._batch.reset(np.arange(lanes), observation)
         return observation[:, twin.layout.reference].reshape(lanes, -1, 6)

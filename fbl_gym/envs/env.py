@@ -143,7 +143,7 @@ class TwoLinkArmEnv(TaskProperties, gym.Env[Any, Any]):
         """
         check_reset_options(options, START)
         seed = None if seed is None else check_seed(seed)
-        self._give_start(_LANE, options)
+        self._batch.give(_LANE, self.starts_of(options))
         super().reset(seed=seed)
         if seed is not None or not self._begun:
             new_seed = self.np_random.integers(MAX_SEED, dtype=np.uint64) if seed is None else np.uint64(seed)

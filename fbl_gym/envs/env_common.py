@@ -7,7 +7,6 @@ from typing import Any
 import numpy as np
 from gymnasium import error, logger
 from gymnasium.envs.registration import EnvSpec
-from numpy.typing import NDArray
 
 from fbl_gym.interface import Interface, Layout
 from fbl_gym.kernel.batch import ArmBatch
@@ -118,16 +117,15 @@ class TaskProperties:
             raise ValueError("state must be that of an environment with the same arguments and number of arms")
         self._begun = True
 
-    def _give_start(self, lanes: NDArray[np.int64], options: dict[str, Any] | None) -> None:
-        """Let the next episode of some lanes start where the options of `reset` say."""
+    def starts_of(self, options: dict[str, Any] | None) -> dict[str, Array]:
+        """Return where the options of `reset` let the next episode start, for all lanes."""
         given = {name: options[name] for name in START if options and options.get(name) is not None}
         if "reference" in given and self.scenario.reference.kind not in ("minimum-jerk", "steps", "filtered-steps"):
             raise ValueError(
                 "reset option reference must be left out: it gives the way-points of minimum-jerk, steps and "
                 f"filtered-steps, and this reference is {self.scenario.reference.kind}"
             )
-        starts = {name: self._as_start(name, value)[lanes] for name, value in given.items()}
-        self._batch.give(lanes, starts)
+        return {name: self._as_start(name, value) for name, value in given.items()}
 
     def _as_start(self, name: str, value: Any) -> Array:
         """Return an option of `reset` for all lanes, [lanes x 2] or [lanes x points x 2]."""
@@ -171,7 +169,8 @@ class TaskProperties:
         """Return the spec that `gym.make` sets. Its options are plain data, which survive JSON.
 
         Its `max_episode_steps` is the length of an episode, which the environment itself ends; that
-        of `gym.make` may shorten it.
+        of `gym.make` may shorten it. `gym.make(spec, duration=...)` keeps the spec's number: give a
+        larger one beside a longer duration.
         """
         return self._spec
 
@@ -243,6 +242,7 @@ def check_seed(seed: Any) -> int:
     return int(seed)
 
 
+FIRST_RESET = "the first reset must be of every lane: no episode has begun outside reset_mask"
 #: The options of `reset` that say where an episode starts.
 START = ("position", "velocity", "reference")
 

@@ -9,7 +9,7 @@ from gymnasium import error
 from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 
-from fbl_gym.envs.env_common import as_actions, check_seed
+from fbl_gym.envs.env_common import FIRST_RESET, as_actions, check_seed
 from fbl_gym.model.arm import Array
 from fbl_gym.records.checks import check_whole
 
@@ -31,7 +31,7 @@ class SideBySideVectorEnv(VectorEnv[Array, Array, Array]):
     """
 
     def __init__(self, *envs: VectorEnv) -> None:
-        self.envs, self.metadata = envs, dict(envs[0].metadata)
+        self.envs, self.metadata, self.render_mode = envs, dict(envs[0].metadata), envs[0].render_mode
         *self._cuts, self.num_envs = np.cumsum([env.num_envs for env in envs]).tolist()
         for name in ("observation_space", "action_space"):
             first, *spaces = (getattr(env, f"single_{name}") for env in envs)
@@ -51,13 +51,18 @@ class SideBySideVectorEnv(VectorEnv[Array, Array, Array]):
         options = {name: value for name, value in (options or {}).items() if value is not None}
         if not np.any(mask := options.get("reset_mask", True)):
             raise ValueError("reset_mask must have at least one True, got none")
+        if self._seen is None and not np.all(mask):
+            raise error.ResetNeeded(FIRST_RESET)
         if isinstance(seed, Sequence | np.ndarray):
             for each in seed:
                 if each is not None:
                     check_seed(each)
         parts = {name: self._split(value, _AXES.get(name, 9), name) for name, value in options.items()}
         given = [{name: part[i] for name, part in parts.items()} for i in range(len(self.envs))]
-        starts = [self._seen is None or np.any(each.get("reset_mask", True)) for each in given]
+        starts = [np.any(each.get("reset_mask", True)) for each in given]
+        for env, each, begins in zip(self.envs, given, starts, strict=True):
+            if begins:  # refuse before any episode ends
+                env.unwrapped.starts_of(each)  # type: ignore[attr-defined]
         seeds, last = self._split(seed, 1, "seed"), self._split(self._seen, 2)
         arguments = zip(self.envs, seeds, given, starts, last, strict=True)
         results = [env.reset(seed=a, options=b) if begins else (seen, {}) for env, a, b, begins, seen in arguments]

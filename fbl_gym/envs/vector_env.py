@@ -9,7 +9,15 @@ from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 from numpy.typing import NDArray
 
-from fbl_gym.envs.env_common import MAX_SEED, START, TaskProperties, as_actions, check_reset_options, check_seed
+from fbl_gym.envs.env_common import (
+    FIRST_RESET,
+    MAX_SEED,
+    START,
+    TaskProperties,
+    as_actions,
+    check_reset_options,
+    check_seed,
+)
 from fbl_gym.envs.side_by_side import side_by_side
 from fbl_gym.kernel.batch import Flags, Truth
 from fbl_gym.model.arm import Array
@@ -96,14 +104,14 @@ class TwoLinkArmVectorEnv(TaskProperties, VectorEnv[Array, Array, Array]):
         check_reset_options(options, ("reset_mask", *START))
         mask = self._as_mask((options or {}).get("reset_mask"))
         if not self._begun and not mask.all():
-            raise error.ResetNeeded("the first reset must be of every lane: no episode has begun outside reset_mask")
-        seeded, seeds = self._as_seeds(seed)
+            raise error.ResetNeeded(FIRST_RESET)
+        (seeded, seeds), starts = self._as_seeds(seed), self.starts_of(options)
         super().reset(seed=int(seeds[0]) if len(seeds) else None)
         if not self._begun:
             drawn = self.np_random.integers(MAX_SEED, size=self.num_envs, dtype=np.uint64)
             self._batch.seed(np.arange(self.num_envs), drawn)
         chosen = np.flatnonzero(mask)
-        self._give_start(chosen, options)
+        self._batch.give(chosen, {name: start[chosen] for name, start in starts.items()})
         fresh = np.isin(chosen, seeded)
         self._batch.seed(chosen[fresh], seeds[mask[seeded]])
         if self._begun:

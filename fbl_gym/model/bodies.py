@@ -1,6 +1,6 @@
 """Links, joints and frames of a robot, as its file has them."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
 from fbl_gym.model.arm import Array
@@ -41,6 +41,8 @@ class Robot(NamedTuple):
         frames: link and position [3] of each named frame.
         mass: returns that of a link.
         up: against gravity [3] m/s^2.
+        torques: returns those at two joints [n x 2] N m that motions [n x 3 x 2] of their angles,
+            velocities and accelerations need, by another program; None: there is none.
     """
 
     parents: dict[str, str | None]
@@ -48,3 +50,4 @@ class Robot(NamedTuple):
     frames: dict[str, tuple[str, Array]]
     mass: Callable[[str], Mass]
     up: Array
+    torques: Callable[[Sequence[str], Array], Array] | None = None

@@ -1,9 +1,11 @@
 """Reading of MuJoCo's XML."""
 
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 
+from fbl_gym.model.arm import Array
 from fbl_gym.model.bodies import Joint, Mass, Robot
 
 
@@ -18,45 +20,93 @@ def read_mjcf(path: str) -> Robot:
     except ImportError:
         raise ValueError("MuJoCo's XML needs the extra: pip install 'fbl-gym[mujoco]'") from None
     model = mujoco.MjModel.from_xml_path(path)
-    data = mujoco.MjData(model)
-    data.qpos[:] = 0.0 if model.nq == model.nv else model.qpos0
+    data, turns = mujoco.MjData(model), model.jnt_type >= int(mujoco.mjtJoint.mjJNT_SLIDE)
+    falls, off = not model.opt.disableflags & mujoco.mjtDisableBit.mjDSBL_GRAVITY, mujoco.mjtDisableBit
+    model.opt.disableflags |= int(off.mjDSBL_CONTACT | off.mjDSBL_LIMIT | off.mjDSBL_FRICTIONLOSS)
+    data.qpos[model.jnt_qposadr[turns]] = 0.0  # whatever their angles of reference
+    rest, damping, levers = data.qpos.copy(), _damping(model, data), _levers(model, data)
     mujoco.mj_kinematics(model, data)
     links = [model.body(i).name or f"body {i}" for i in range(model.nbody)]
     joints: dict[str, Joint | str] = {}
     for i in range(model.njnt):
         name, dof = model.joint(i).name or f"joint {i}", model.jnt_dofadr[i]
-        driven, effort, *doubts = _effort(model, i, name)
+        driven, effort, *doubts = _effort(model, levers, i, name)
         doubts += [f"the spring of {name} is neglected"] if model.jnt_stiffness[i] else []
-        damping, loss = (float(x.flat[dof]) if x.any() else None for x in (model.dof_damping, model.dof_frictionloss))
-        numbers = effort, damping, loss, None
+        viscous, loss = (float(x[dof]) if x.any() else None for x in (damping, model.dof_frictionloss))
+        numbers = effort, viscous, loss, None
         joint = name, links[model.jnt_bodyid[i]], data.xaxis[i].copy(), data.xanchor[i].copy(), numbers, tuple(doubts)
+        rotor = float(model.dof_armature[dof])
+        if hasattr(model, "actuator_armature"):
+            rotor += float(model.actuator_armature @ levers[:, i] ** 2)
         hinge = model.jnt_type[i] == mujoco.mjtJoint.mjJNT_HINGE
-        joints[name] = Joint(*joint, float(model.dof_armature[dof]), driven) if hinge else "no hinge"
+        joints[name] = Joint(*joint, rotor, driven) if hinge else "no hinge"
     sites = {model.site(i).name: (links[model.site_bodyid[i]], data.site_xpos[i].copy()) for i in range(model.nsite)}
-    turns = data.ximat.reshape(-1, 3, 3)
-    inertias = np.einsum("nij,nj,nkj->nik", turns, model.body_inertia, turns)
+    axes = data.ximat.reshape(-1, 3, 3)
+    inertias = np.einsum("nij,nj,nkj->nik", axes, model.body_inertia, axes)
     masses = dict(zip(links, map(Mass, map(float, model.body_mass), data.xipos, inertias), strict=True))
     parents = {link: links[model.body_parentid[i]] if i else None for i, link in enumerate(links)}
     frames = {link: (link, data.xpos[i].copy()) for i, link in enumerate(links)} | sites
     if model.body_gravcomp.any():
         raise ValueError("gravcomp must be 0: the weight of links, which it takes off, stays here")
-    falls = not model.opt.disableflags & mujoco.mjtDisableBit.mjDSBL_GRAVITY
-    return Robot(parents, joints, frames, masses.__getitem__, -model.opt.gravity * falls)
+
+    def torques(names: Sequence[str], motions: Array) -> Array:
+        some = [[*joints].index(name) for name in names]
+        places, dofs = model.jnt_qposadr[some], model.jnt_dofadr[some]
+        found, springs = [], model.jnt_stiffness.copy()
+        model.jnt_stiffness[:] = 0.0
+        for q, v, a in motions:
+            data.qpos[:], data.qvel[:], data.qacc[:] = rest, 0.0, 0.0
+            data.qpos[places], data.qvel[dofs], data.qacc[dofs] = q, v, a
+            mujoco.mj_inverse(model, data)
+            if data.qfrc_constraint[dofs].any():
+                raise ValueError(f"{' and '.join(names)} must move freely, but an <equality> of the file ties them")
+            found.append(data.qfrc_inverse[dofs])
+        model.jnt_stiffness[:] = springs
+        return np.array(found)
+
+    return Robot(parents, joints, frames, masses.__getitem__, -model.opt.gravity * falls, torques)
 
 
-def _effort(model: Any, joint: int, name: str) -> tuple[Any, ...]:
+def _damping(model: Any, data: Any) -> Array:
+    """Return the torque against 1 rad/s of each degree of freedom, from whatever damps it."""
+    import mujoco
+
+    torques = []
+    for velocity in np.vstack([np.zeros(model.nv), np.eye(model.nv)]):
+        data.qvel[:] = velocity
+        mujoco.mj_fwdPosition(model, data)
+        mujoco.mj_fwdVelocity(model, data)
+        torques.append(data.qfrc_passive.copy())
+    data.qvel[:] = 0.0
+    return np.diagonal(torques[0] - torques[1:]).round(12)
+
+
+def _levers(model: Any, data: Any, step: float = 1e-3) -> Array:
+    """Return the torque of each actuator on each joint, for a force of 1 [actuators x joints]."""
+    import mujoco
+
+    lengths = np.zeros((2, model.nu, model.njnt))
+    for i in np.flatnonzero(model.jnt_type >= int(mujoco.mjtJoint.mjJNT_SLIDE)):
+        for k, sign in enumerate((-1.0, 1.0)):
+            data.qpos[model.jnt_qposadr[i]] = sign * step
+            mujoco.mj_fwdPosition(model, data)
+            lengths[k, :, i] = data.actuator_length
+        data.qpos[model.jnt_qposadr[i]] = 0.0
+    return (np.diff(lengths, axis=0)[0] / (2.0 * step)).round(9)
+
+
+def _effort(model: Any, levers: Array, joint: int, name: str) -> tuple[Any, ...]:
     """Return whether a joint is driven, its largest torque, None without a limit, and doubts.
 
     The control of a motor is a force; that of a servo, such as a position, tells none. Forces act
-    through the gear. Those of several actuators at one joint add up.
+    through the gear, and through tendons. Those of several actuators at one joint add up.
     """
-    from mujoco import mjtBias, mjtDyn, mjtGain, mjtTrn
+    from mujoco import mjtBias, mjtDyn, mjtGain
 
-    drives = np.isin(model.actuator_trntype, (mjtTrn.mjTRN_JOINT, mjtTrn.mjTRN_JOINTINPARENT))
-    own = np.flatnonzero(drives & (model.actuator_trnid[:, 0] == joint))
+    own = np.flatnonzero(levers[:, joint])
     if not len(own):
-        return not drives.any(), None
-    torques = np.zeros(2)
+        return not levers.any(), None
+    torques, doubts = np.zeros(2), []
     for i in own:
         force = np.array([-np.inf, np.inf])
         kinds = model.actuator_gaintype[i], model.actuator_biastype[i], model.actuator_dyntype[i]
@@ -65,11 +115,12 @@ def _effort(model: Any, joint: int, name: str) -> tuple[Any, ...]:
             force = np.sort(model.actuator_gainprm[i, 0] * model.actuator_ctrlrange[i])
         if model.actuator_forcelimited[i]:
             force = np.clip(force, *model.actuator_forcerange[i])
-        torques = torques + np.sort(force * model.actuator_gear[i, 0])
+        torques = torques + np.sort(force * levers[i, joint])
+        if np.count_nonzero(levers[i]) > 1:
+            doubts = [f"an actuator of {name} drives other joints, too, which is neglected"]
     low, high = np.clip(torques, *model.jnt_actfrcrange[joint]) if model.jnt_actfrclimited[joint] else torques
     if not np.isfinite((low, high)).all():
-        return True, None, f"the actuators of {name} have no range of forces: it has no torque limit"
-    effort = float(max(-low, high))
-    if abs(low + high) <= 1e-9:
-        return True, effort
-    return True, effort, f"the torque of {name} lies within {low:g} and {high:g} N m, and the larger bound is taken"
+        return True, None, f"the actuators of {name} have no range of forces: it has no torque limit", *doubts
+    if abs(low + high) > 1e-9:
+        doubts.append(f"the torque of {name} lies within {low:g} and {high:g} N m, and the larger bound is taken")
+    return True, float(max(-low, high)), *doubts

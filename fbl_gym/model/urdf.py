@@ -16,7 +16,7 @@ from xml.parsers import expat
 
 import numpy as np
 
-from fbl_gym.model.arm import STANDARD_GRAVITY, ArmParameters, Array
+from fbl_gym.model.arm import STANDARD_GRAVITY, ArmParameters, Array, inverse_dynamics
 from fbl_gym.model.bodies import Joint, Mass, Robot
 from fbl_gym.model.mjcf import read_mjcf
 from fbl_gym.reading import read_bytes
@@ -203,6 +203,17 @@ def _planar(
         notes.append(f"{name}: {', '.join('none' if x is None else f'{x:g}' for x in given)}")
     if any(velocity):
         notes.append("the limits of the velocity are not used: `constraints.velocity` has such bounds")
+    if robot.torques is not None:
+        motions = np.random.default_rng(0).uniform(-3.0, 3.0, (8, 3, 2))
+        turned = motions * (1.0, sign) + np.array([zero, (0.0, 0.0), (0.0, 0.0)])
+        damped = np.array([x or 0.0 for x in viscous]) * motions[:, 1]
+        ours = inverse_dynamics(arm, *turned.swapaxes(0, 1)) * (1.0, sign) + damped
+        theirs = robot.torques((inner.name, outer.name), motions)
+        if (far := np.abs(ours - theirs).max() / np.abs(theirs).max()) > 1e-6:
+            doubts.append(
+                f"torques of random motions differ from MuJoCo's by up to {100 * far:.3g} %: the file has more than is "
+                "read, such as springs or dampers of tendons, damping that is not linear, or a fluid"
+            )
     return RobotFile(stem.rstrip(":,"), arm, limit, viscous, coulomb, (1.0, sign), zero, guess, doubts, notes)
 
 

@@ -140,7 +140,7 @@ def _doubts(arm: ArmParameters) -> Iterator[str]:
     for link, (length, centre, inertia) in enumerate(zip(lengths, centres, inertias, strict=True), 1):  # type: ignore[arg-type]
         if length > LONGEST:
             yield f"link {link} is {length:g} m long; lengths are in m"
-        if abs(centre) > FARTHEST:
+        if abs(centre) > FARTHEST * (1 if inertia else 10):  # identified links are point masses
             yield (
                 f"the centre of mass of link {link} is {centre:.3g} link lengths from its joint; "
                 "beside m1 and L1, arm.centre is a share of the length; beside arm.mass, it is in m"

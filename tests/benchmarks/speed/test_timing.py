@@ -39,8 +39,8 @@ def test_a_contestant_returns_the_number_of_its_environments():
 @pytest.mark.parametrize("policy", ["pd-gravity", "computed-torque+predictor"])
 def test_the_decisions_of_an_arm_and_of_a_batch_are_measured(policy, monkeypatch, capsys):
     monkeypatch.setattr(speed, "WARM_UP", 2)
-    monkeypatch.setattr(speed, "measure_decisions", partial(speed.measure_decisions, turns=1))
-    monkeypatch.setattr(sys, "argv", ["speed", "--decisions", policy])
+    monkeypatch.setattr(speed, "TURN", 20)
+    monkeypatch.setattr(sys, "argv", ["speed", "--rounds", "1", "--decisions", policy])
     speed.main()
     name, one, many = capsys.readouterr().out.splitlines()[-1].split()
     assert name == policy
