@@ -8,11 +8,13 @@ It takes about two minutes. The saved model is a policy of every command:
 """
 
 import gymnasium as gym
+import torch
 from stable_baselines3 import PPO
 
 import benchmarks
 import fbl_gym  # noqa: F401  registers the environments
 
+torch.set_num_threads(1)  # small networks learn fastest so
 env = gym.make("fbl_gym/TwoLinkArmTracking-v0", scenario="servo-practice-everything-1")
 model = PPO("MlpPolicy", env, seed=1_000_000, device="cpu")  # the seeds 0 to 9,999 are for tests
 model.learn(150_000)

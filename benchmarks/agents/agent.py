@@ -6,7 +6,7 @@ names) has its network in single precision. Both are plain data: reading them ru
 
 import io
 import json
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 from itertools import chain
 from pathlib import Path
@@ -37,7 +37,7 @@ class Agent(TorqueLaw):
     """
 
     settings: AdapterSettings
-    actor: Actor
+    actor: Actor = field(repr=False)
 
     needs: ClassVar[tuple[str, ...]] = ("position",)
 

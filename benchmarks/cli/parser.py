@@ -135,6 +135,7 @@ def prepare(name: str) -> tuple[argparse.ArgumentParser, Callable[[argparse.Name
         description=command["help"][0].upper() + command["help"][1:] + ".",
         epilog=f"example: fbl-gym {name} {command['example']}",
         formatter_class=argparse.RawDescriptionHelpFormatter,
+        allow_abbrev=False,  # `--seed` is no `--seeds`
     )
     add_arguments(parser, command["arguments"])
     return parser, resolve_name(f"benchmarks.cli.{name.replace('-', '_')}:run")

@@ -96,8 +96,8 @@ class ArmParameters(Option):
     L1: float = number(0.7, unit="m", above=0)
     L2: float = number(0.5, unit="m", above=0)
     gravity: float = number(STANDARD_GRAVITY, unit="m/s^2", low=0, kernel="gravity")
-    centre: Pair | float = pair(1.0, kernel="centre")
-    inertia: Pair | float = pair(0.0, low=0, kernel="inertia")
+    centre: Pair | float = pair(1.0, unit="L", kernel="centre")
+    inertia: Pair | float = pair(0.0, unit="m L^2", low=0, kernel="inertia")
     rotor: Pair | float = pair(0.0, unit="kg m^2", low=0, kernel="rotor")
 
     derived: ClassVar = {"parameters": (float, 4)}
@@ -131,7 +131,8 @@ class ArmParameters(Option):
         """Return the arm of two point masses that has these lumped parameters.
 
         Its motion is that of every arm with these parameters. Masses and centres are equivalent
-        ones, upon which parameter errors act.
+        ones, upon which parameter errors act. Link 1 has an inertia if the point would lie beyond
+        its end.
 
         Args:
             lumped: p1 to p5 [5]: p1 to p3 [kg m^2], p4 and p5 [N m].
@@ -155,8 +156,11 @@ class ArmParameters(Option):
                 "lumped must be those of point masses, p1 p2 > p3^2, p2 > 0 and neither link balanced (p3 and "
                 f"p4 - m2 L1 g not 0), got {lumped!r}; describe a balanced link by from_links"
             )
-        m1 = moment1 * moment1 / about1
-        return ArmParameters(m1, m2, L1, L2, gravity, (moment1 / m1 / L1, moment2 / m2 / L2), 0.0, rotor)
+        m1, inertia1 = moment1 * moment1 / about1, 0.0
+        centre1 = moment1 / m1 / L1
+        if abs(centre1) > 1.0:  # of a link that is nearly balanced
+            centre1, m1, inertia1 = 1.0 / centre1, about1 / (L1 * L1), 1.0 - 1.0 / centre1**2
+        return ArmParameters(m1, m2, L1, L2, gravity, (centre1, moment2 / m2 / L2), (inertia1, 0.0), rotor)
 
     @property
     def lumped(self) -> Array:

@@ -52,6 +52,8 @@ class Actuator(Option):
         for name in ("delay", "jitter"):
             if isinstance(getattr(self, name), float):
                 scenario.check_multiple(f"actuator.{name}", getattr(self, name), "physics_dt")
+        if (latest := ends(self.delay)[1]) >= scenario.duration:
+            raise ValueError(f"actuator.delay must be below the duration of {scenario.duration:g} s, got {latest:g} s")
 
     def pack(self, packer: Any) -> None:
         """Write the longest delay in control steps, rounded up, and what acts later."""

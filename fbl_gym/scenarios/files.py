@@ -121,7 +121,8 @@ def from_table(table: Mapping[str, Any], path: Path | None = None, above: tuple[
                         parent = tier_scenario(entry, given, **{n: x for n, x in fields.items() if n == "physics_dt"})
                     parent = in_world(parent, world) if world else parent
                 fields = arm.options(fields, parent.to_dict()) if isinstance(arm, RobotFile) else fields
-            fields.setdefault("description", f"{parent.name} with other options")
+            own = f"{fields['name']}: " if "name" in fields else ""
+            fields.setdefault("description", f"{own}{parent.name} with other options")
             return build("scenario", merged(parent.to_dict(), fields), Scenario)
     except ValueError as problem:
         raise ValueError(f"{path}: {str(problem).removeprefix('scenario: ')}" if path else str(problem)) from None
@@ -140,7 +141,7 @@ def _doubts(arm: ArmParameters) -> Iterator[str]:
     for link, (length, centre, inertia) in enumerate(zip(lengths, centres, inertias, strict=True), 1):  # type: ignore[arg-type]
         if length > LONGEST:
             yield f"link {link} is {length:g} m long; lengths are in m"
-        if abs(centre) > FARTHEST * (1 if inertia else 10):  # identified links are point masses
+        if abs(centre) > FARTHEST:
             yield (
                 f"the centre of mass of link {link} is {centre:.3g} link lengths from its joint; "
                 "beside m1 and L1, arm.centre is a share of the length; beside arm.mass, it is in m"

@@ -142,7 +142,11 @@ def say_once(folder: Path) -> None:
         if said.exists() and time.time() - said.stat().st_mtime > WHILE:
             said.unlink()
         said.open("x").close()
-        print("fbl-gym: compiles its code once, some 20 s; it is kept on disk", file=sys.stderr, flush=True)
+        print(
+            "fbl-gym: compiles code for this kind of arm, once, some 20 s; it is kept on disk",
+            file=sys.stderr,
+            flush=True,
+        )
 
 
 def cached_njit(function: Any) -> Any:
