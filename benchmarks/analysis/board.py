@@ -194,7 +194,8 @@ class Board:
 
         As in `errors`, an error below the encoder's resolution counts as the resolution.
         """
-        runs = self.runs["error_mrad"] * self.errors / self.runs["error_pct"]
+        percent, least = self.runs["error_pct"], np.full_like(self.errors, 1e-9)  # of a run without any error
+        runs = np.divide(self.runs["error_mrad"] * self.errors, percent, out=least, where=percent > 0)
         return np.exp([np.log(x[:, self.main if some is None else some]).mean() for x in self.split(runs)])
 
     @property

@@ -31,6 +31,7 @@ LEAST_MOTION = 0.01  # least range of an angle; below it, the arm rests and its 
 UNLIKE = 0.3  # largest error of an angle relative to standing still: 0.05 for two real arms, 0.45 and more for nonsense
 PLAUSIBLE, LIKELY = 5.0, 20.0  # largest ratios of fitted numbers to those of the start, of both links and of link 2
 
+UNLIKE_WEIGHT = 3.5  # the same of an inertia, and of it to its weight: a clock off by 2 changes both by 4
 # Share of the torques that the first fit leaves, beyond which signs, zeros and units are tried.
 # It is 0.1 for simulated arms, and 0.2 to 0.4 for logs of two real ones.
 UNEXPLAINED = 0.6
@@ -320,8 +321,8 @@ def refuse_meaningless(fit: Fit, start: Scenario, names: Sequence[str]) -> None:
         if not 1 / most < ratio < most:
             reasons.append(f"{name} is {ratio:.3g} times that of --start")
     for inertia, weight in zip(("p1", "p2"), masses, strict=True) if start.arm.gravity > 0 else ():
-        ratio, shape = (fit.parameters[INDEX[name]] / max(given[INDEX[name]], 1e-12) for name in (inertia, weight))
-        if (most := min(ratio, ratio / shape)) > PLAUSIBLE or max(ratio, ratio / shape) < 1 / PLAUSIBLE:
+        ratio, heavier = (fit.parameters[INDEX[name]] / max(given[INDEX[name]], 1e-12) for name in (inertia, weight))
+        if min(ratio, ratio / heavier) > UNLIKE_WEIGHT or max(ratio, ratio / heavier) < 1 / UNLIKE_WEIGHT:
             reasons.append(f"{inertia} is {ratio:.3g} times that of --start, unlike {weight}: is time in s?")
     for name, zero in zip(names, fit.zero, strict=True):
         if np.abs(zero).max() > 3 * ZERO_SPREAD:

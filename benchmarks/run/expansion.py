@@ -102,7 +102,7 @@ def distinguish(tasks: Sequence[Scenario]) -> tuple[Scenario, ...]:
 
 def _whole(x: float) -> float:
     """Return a whole number as an int, which options such as `encoder.latency` ask for."""
-    return int(x) if x == round(x) else x
+    return int(x) if float(x).is_integer() else x
 
 
 def _scaled(option: str, value: Any, factor: float) -> Any:

@@ -59,7 +59,9 @@ def read_mjcf(path: str) -> Robot:
             data.qpos[places], data.qvel[dofs], data.qacc[dofs] = q, v, a
             mujoco.mj_inverse(model, data)
             if data.qfrc_constraint[dofs].any():
-                raise ValueError(f"{' and '.join(names)} must move freely, but an <equality> of the file ties them")
+                raise ValueError(
+                    f"{' and '.join(names)} must move freely, but an <equality> of the file ties one of them"
+                )
             found.append(data.qfrc_inverse[dofs])
         model.jnt_stiffness[:] = springs
         return np.array(found)
@@ -68,16 +70,17 @@ def read_mjcf(path: str) -> Robot:
 
 
 def _damping(model: Any, data: Any) -> Array:
-    """Return the torque against 1 rad/s of each degree of freedom, from whatever damps it."""
+    """Return the torque against 1 rad/s of each degree of freedom, but that of a fluid."""
     import mujoco
 
-    torques = []
+    torques, fluid = [], (model.opt.density, model.opt.viscosity)
+    model.opt.density = model.opt.viscosity = 0.0
     for velocity in np.vstack([np.zeros(model.nv), np.eye(model.nv)]):
         data.qvel[:] = velocity
         mujoco.mj_fwdPosition(model, data)
         mujoco.mj_fwdVelocity(model, data)
         torques.append(data.qfrc_passive.copy())
-    data.qvel[:] = 0.0
+    data.qvel[:], (model.opt.density, model.opt.viscosity) = 0.0, fluid
     return np.diagonal(torques[0] - torques[1:]).round(12)
 
 
