@@ -21,7 +21,7 @@ from benchmarks.cli import common
 from benchmarks.cli.curves import read_groups
 from benchmarks.policies.spec import resolve
 from benchmarks.report import markdown, terminal
-from benchmarks.report.columns import NONE, columns
+from benchmarks.report.columns import NONE, columns, leaders
 from benchmarks.run.cell import Cell
 from benchmarks.run.runner import run_cell
 from benchmarks.run.suite import Suite, load
@@ -169,6 +169,11 @@ def test_a_policy_without_results_is_left_out_and_named():
         assemble(no)
 
 
+def oracles():
+    """A board without a ranked policy."""
+    return assemble([run_cell(cell) for cell in load("ideal").build(["oracle-flm"], ["nominal"], 2).cells])
+
+
 def test_the_worst_family_is_beside_the_best_ranked_row():
     """Cascade-flm errs least but in mass-error, where it has twice the error of pid-flm; an oracle does not count."""
     found = board()
@@ -177,8 +182,9 @@ def test_the_worst_family_is_beside_the_best_ranked_row():
     found = dataclasses.replace(found, runs=found.runs | {"error_pct": errors})
     column = next(each for each in columns(found) if each.key == "worst-family")
     assert [column.cell(i) for i in range(4)] == ["4, nominal", "4, nominal", "2, mass-error", "0.1, nominal"]
-    oracles = assemble([run_cell(cell) for cell in load("ideal").build(["oracle-flm"], ["nominal"], 2).cells])
-    assert "worst-family" not in {each.key for each in columns(oracles)}
+    assert "worst-family" not in {each.key for each in columns(oracles())}
+    cells = load("ideal").build(["oracle-flm", "zero"], ["nominal"], 2).cells
+    assert leaders(assemble([run_cell(cell) for cell in cells])).rows[0][-2:] == ["–", "–"]
 
 
 def test_first_rows_have_the_delay_margin_where_there_is_one():
@@ -238,11 +244,13 @@ def test_the_sealed_test_is_drawn_from_a_number():
         assert all(30_000 <= seed < 40_000 for seed in seeds)
 
 
-def test_a_draw_that_cannot_be_made_is_refused(tmp_path, capsys):
-    for given, message in (("-1", "0 or more, got .-1"), ("0x1g", "got .0x1g"), ("0x1", "no result yet.*computes the")):
+def test_a_draw_that_cannot_be_made_is_refused(tmp_path, capsys, monkeypatch):
+    lacking = ("0x1", "no result yet.*computes the"), ("0x1", "--policies must have one that is ranked and has results")
+    for given, message in (("-1", "0 or more, got .-1"), ("0x1g", "got .0x1g"), *lacking):
         with pytest.raises(SystemExit):
             sealed.main(["--number", given, "--policies", "zero", "--store", str(tmp_path)])
         assert re.search(message, capsys.readouterr().err)
+        monkeypatch.setattr(sealed, "assemble", (lambda *_: oracles()) if given == "0x1" else assemble)
 
 
 def test_tau_of_the_sealed_test():
@@ -276,6 +284,7 @@ def test_tau_is_kendalls_where_all_pairs_are_separated():
         assert found.tau == found.clear_tau == pytest.approx(kendalltau(first, second).statistic)
     assert compare_halves(one, one.policies) == agreement(one, one)
     assert compare_orders(one, other, one.policies[:3]).pairs == 3
+    np.testing.assert_equal(dataclasses.astuple(compare_orders(one, other, ())), (np.nan, 0, np.nan, 0))
 
 
 def test_an_agent_counts_once_with_all_its_training_seeds():
@@ -357,5 +366,7 @@ def test_the_command_compares_after_equal_steps_and_equal_time(trained, tmp_path
 def test_runs_that_cannot_be_compared_are_refused(trained, tmp_path, fbl_gym):
     (tmp_path / "sac-0" / "run.json").write_text(json.dumps({"algorithm": "sac", "seed": 0, "scenarios": ["nominal"]}))
     assert "must have trained on the scenarios of the first RUN" in fbl_gym(["curves", *map(str, trained)], 2).err
-    for wrong, text in ((tmp_path, "RUN must be a folder of fbl-gym train"), (trained[0], "RUN must differ")):
+    (tmp_path / "sac-0" / "curve.csv").write_text("steps,wall_s,cpu_s,validation_mrad\n")
+    no_run = "RUN must be a folder of fbl-gym train"
+    for wrong, text in ((tmp_path, no_run), (tmp_path / "sac-0", no_run), (trained[0], "RUN must differ")):
         assert text in fbl_gym(["curves", str(trained[0]), str(wrong)], 2).err

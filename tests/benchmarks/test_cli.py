@@ -2,8 +2,10 @@
 
 import contextlib
 import io
+import json
 import runpy
 import shlex
+import shutil
 import subprocess
 import sys
 import tomllib
@@ -14,9 +16,10 @@ import pytest
 from rich.console import Console
 
 from benchmarks import cli
+from benchmarks.agents.policy import SHIPPED
 from benchmarks.analysis.board import assemble
+from benchmarks.cli import leaderboard, play, sweep
 from benchmarks.cli import list as names
-from benchmarks.cli import play, sweep
 from benchmarks.cli.show import follows, options
 from benchmarks.report import markdown, terminal
 from benchmarks.report.columns import ALL, columns_of, number
@@ -89,6 +92,16 @@ def test_a_short_board_has_the_first_rows_and_the_policies_that_are_asked_for(bo
     assert shown.count("zero ") == 3 * len(policies)
     assert "(oracle-flm)" not in shown
     assert shown.count(terminal.MEANING[:40]) == 1
+
+
+def test_a_short_board_shows_the_row_of_runs_that_are_asked_for(folder, fbl_gym, monkeypatch):
+    monkeypatch.setattr(leaderboard, "SHOWN", 0)
+    for seed in (0, 1):
+        shutil.copytree(SHIPPED / "sac" / "0", folder / f"mine-{seed}")
+        (folder / f"mine-{seed}" / "run.json").write_text(json.dumps({"seed": seed}))
+    few = "--policies zero pid-flm --scenarios nominal --seeds 1 --workers 1"
+    shown = fbl_gym(f"leaderboard --short {few} --policy ./mine-0 --policy ./mine-1").out
+    assert ("mine, 2 training seeds" in shown, "zero " in shown) == (True, False)
 
 
 def test_evaluate_prints_the_metrics_that_there_are(fbl_gym):
@@ -245,6 +258,8 @@ def test_what_follows_is_right():
     flat = Scenario(arm={"gravity": 0.0}, friction={"coulomb": {"uniform": (1, 20)}})
     assert follows(flat)["largest Coulomb friction"] == "1, 2.5 % of the limit"
     assert "torque limit / weight" not in follows(flat)
+    half = follows(Scenario(actuator={"torque_limit": (2000.0, 0.0)}))
+    assert half["largest torque of the nominal motion"].endswith(", no drive % of the limit")
     stiff = {"stiffness": (1e9, 4e4), "rotor_inertia": 1.0}
     stiff = follows(Scenario(joint=stiff, physics_dt=1e-6, duration=0.01))
     rate = np.sqrt(4e4 / 3.75) / (2 * np.pi)

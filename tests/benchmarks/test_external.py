@@ -239,32 +239,8 @@ def test_no_standard_module_is_imported_from_the_current_folder(tmp_path):
     assert not (tmp_path / "ran").exists()
 
 
-PROLOGUE = """
-import importlib, json, os, random, subprocess, time, zipfile
-from concurrent import futures
-from pathlib import Path
-from typing import NamedTuple
-import controllers
-import numpy as np
-from controllers.laws.simple import PdGravity
-
-HERE, BORN, calls = Path(__file__).parent, time.time(), []
-
-class State(NamedTuple):
-    steps: np.ndarray
-
-class make_policy(PdGravity):
-    def initial(self, observation):
-        return State(np.zeros(len(observation)))
-    def torque(self, observation, state):
-        torque, _ = super().torque(observation, ())
-        n = len(observation)
-        calls.append(1)
-        if state.steps.max() > 70:
-            torque = torque * ({late})
-        return torque, State(state.steps + 1)
-"""
 BROKEN = tomllib.loads(Path(__file__).with_name("broken_promises.toml").read_text(encoding="utf-8"))
+PROLOGUE = BROKEN.pop("prologue")
 
 
 @pytest.mark.parametrize(("promise", "law"), [(promise, law) for promise, laws in BROKEN.items() for law in laws])
@@ -279,7 +255,8 @@ def test_the_board_runs_no_law_whose_number_depends_on_more_than_its_key(promise
     with zipfile.ZipFile(tmp_path / "k.zip", "w") as archive:
         archive.writestr("k", "0.5")
     (tmp_path / "law.py").write_text(PROLOGUE.format(late=late))
-    error = run_cell(Cell(str(tmp_path / "law.py"), "nominal", (0,))).error
+    factory = ":Law" if promise == "beside its key" else ""
+    error = run_cell(Cell(f"{tmp_path}/law.py{factory}", "nominal", (0,))).error
     assert all(text in error for text in ("breaks a promise", promise, *named)), error
 
 
@@ -400,10 +377,12 @@ def test_a_broken_plugin_is_named_and_the_rest_works(tmp_path):
 
 def test_a_file_without_a_factory_suggests_its_class_and_no_imported_name(tmp_path):
     law = tmp_path / "law.py"
-    law.write_text("from controllers import TorqueLaw\ndef helper():\n    pass\nclass MyLaw(TorqueLaw):\n    pass\n")
+    law.write_text("from controllers import TorqueLaw\ndef helper(): ...\nclass MyLaw(TorqueLaw): ...\nother = MyLaw\n")
     with pytest.raises(NotFound, match=r"law.py has no make_policy: add `make_policy = MyLaw`, or give .*:MyLaw"):
         load(PolicyName.parse(str(law)))
-    assert load(PolicyName.parse(f"{law}:MyLaw")).__name__ == "MyLaw"
+    assert load(PolicyName.parse(f"{law}:other")).__name__ == "MyLaw"
+    with pytest.raises(NotFound, match=r"unknown factory of .*law\.py 'Law'.* Known: MyLaw$"):
+        load(PolicyName.parse(f"{law}:Law"))
     law.write_text("from controllers.laws.simple import Zero\n")
     with pytest.raises(NotFound, match=r"unknown factory of .*law\.py 'make_policy'\. Known: none"):
         load(PolicyName.parse(str(law)))

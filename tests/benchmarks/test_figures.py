@@ -33,7 +33,7 @@ def panels(monkeypatch):
 
 
 @pytest.mark.parametrize("width", [1, 2, None])
-@pytest.mark.parametrize("label", ["b", "_"])
+@pytest.mark.parametrize("label", ["b", "_", "_law.py"])
 def test_the_ending_gives_the_format_and_a_width_leaves_out_the_title(width, label, tmp_path):
     panels = [Panel("", "time [s]", "error [%]", (Line(X, X, "a", low=X - 1, high=X + 1), Line(X, X, label)))]
     for ending in ("png", "pdf", "svg"):
@@ -42,6 +42,7 @@ def test_the_ending_gives_the_format_and_a_width_leaves_out_the_title(width, lab
     assert b"/FontFile2" in pdf  # TrueType, embedded
     assert b"/Type3" not in pdf
     assert ">error [%]</text>" in svg
+    assert (f">{label}</text>" in svg.replace("> ", ">")) == (label != "_")
     assert (">the title</text>" in svg) == (width is None)
     with Image.open(tmp_path / "figure.png") as picture:
         assert (picture.width, picture.info["Title"]) == (round(300 * plot.WIDTHS[width or 2]), "the title")
@@ -49,7 +50,7 @@ def test_the_ending_gives_the_format_and_a_width_leaves_out_the_title(width, lab
 
 @pytest.mark.parametrize(("low", "labels"), [(0.2, "0.2 0.3 0.5 1"), (0.02, "0.03 0.1 0.3 1"), (1e-4, "0.0001 0.001")])
 def test_a_logarithmic_axis_has_plain_numbers(low, labels, tmp_path):
-    line = Line(np.array([low, 1.0]), np.array([1.0, 2.0]), "a", color="black")
+    line = Line(np.array([low, 1.0]), np.array([1.0, 2.0]), "_law.py", color="black")
     plot_lines("t", [Panel("", "x", "y", (line,), ("log", "linear"))], tmp_path / "figure.svg")
     drawn = re.findall(r">([^<]+)</text>", (tmp_path / "figure.svg").read_text())
     assert set(labels.split()) <= set(drawn)
@@ -115,6 +116,12 @@ def test_the_tip_of_the_reference_goes_where_the_mouse_drags_it(game):
     press(game, pygame.MOUSEBUTTONUP)
     press(game, pygame.MOUSEMOTION, pos=(10, 10))
     assert game.target == target
+
+
+def test_the_larger_torque_limit_is_the_stiffness_of_a_drag():
+    task = scenarios.get("nominal").replace(actuator={"torque_limit": (0.0, 50.0)})
+    game = Game([resolve("zero")], task, 0)
+    assert game.stiffness == pytest.approx(50.0 / game.reach**2)
 
 
 def test_a_drag_of_a_link_pushes_both_arms_alike(game):

@@ -1,6 +1,8 @@
 """Identification: logs that are read or refused, arms that are found again, held-out terms, plans."""
 
 import dataclasses
+import tomllib
+from pathlib import Path
 
 import gymnasium as gym
 import numpy as np
@@ -28,6 +30,7 @@ ROBOT = START.replace(
     actuator={"torque_limit": 10.0, "gain": (0.9, 1.0), "delay": 0.006, "lag": 0.003},
 )  # fmt: skip
 ZERO = (0.05, -0.04)
+TABLES = tomllib.loads(Path(__file__).with_name("logs.toml").read_text(encoding="utf-8"))
 
 
 def run(seed, zero=(0.0, 0.0), robot=ROBOT, seconds=6.0):
@@ -97,6 +100,8 @@ def stamped(text, stamp, name):
     (lambda t: t.replace(HEADER, "t,q1,q2,u1,u2"), [1, 1, 1, 0.1, 0.1], ["torque=10*A"]),
     (lambda t: t.replace(HEADER, "t [ms],q1 (deg),q2[°],u1 [N m],u2 (mN·m)"), [1e3, DEGREES, DEGREES, 1, 1e3], []),
     (lambda t: t.replace(HEADER, "t,q1,q2,u1,u2\nms,deg,rad,,Nm"), [1e3, DEGREES, 1, 1, 1], []),
+    (lambda t: t.replace(HEADER, "t,q1,q2,u1 [mA],u2 [mA]"), [1, 1, 1, 1e3 / 0.091, 1e3 / 0.091], ["torque=0.091*A"]),
+    (lambda t: t.replace(HEADER, "t [s] q1 [deg] q2 [rad] u1 (Nm) u2").replace(",", " "), [1, DEGREES, 1, 1, 1], []),
     (lambda t: t.replace(HEADER, "t;q1;q2;i1;i2").replace(",", "|").replace(";", "|"), 1, ["torque=1*i"]),
     (lambda t: stamped(t, lambda s: f"2026-05-04T12:00:{s:012.9f}Z", "time"), 1, []),
     (lambda t: stamped(t, lambda s: f"{7 + int(s)},{round(1e9 * (s % 1))}", "stamp.sec,stamp.nanosec"), 1, []),
@@ -126,11 +131,7 @@ def test_logs_of_matlab_and_traces(rows, tmp_path):
     late = np.c_[more[:, :7], np.roll(more[:, 7:], 1, axis=0), more[:, 0]]  # with the command of the row before
     late = read(write(tmp_path / "c.csv", late, (*NAMES, *measured, "alive"))).torque[:-1]
     assert late == pytest.approx(read(trace).torque[:-1], abs=1e-8)
-    for text, message in (
-        ("torqe=u,w", "unknown signal 'torqe'"), ("torque=u,w", "unknown column of torque.*--signals"),
-        ("torque=torque_1_Nm", "2 columns of torque"), ("torque=A", r"torque=0\.091\*A"),
-        ("torque=time_s,command_2_Nm", "torque must not be in s, as 'time_s' is"),
-    ):  # fmt: skip
+    for text, message in TABLES["signals"]:
         with pytest.raises(ValueError, match=message):
             read(trace, columns([text]))
     currents = write(tmp_path / "d.csv", rows[0], ("t", "q1", "q2", "i1", "i2"))
@@ -140,9 +141,12 @@ def test_logs_of_matlab_and_traces(rows, tmp_path):
 
 def test_a_logged_velocity_is_that_of_the_positions(rows, tmp_path):
     slope = smooth(rows[0][:, 1:3], 0.002, 1)
-    slope = slope + np.random.default_rng(1).normal(0, 0.2, slope.shape)
     names = (*NAMES, "velocity_1", "velocity_2")
-    assert "velocity: measured" in read(write(tmp_path / "a.csv", np.hstack([rows[0], slope]), names)).remarks[2]
+    for noise in (0.0, 0.2):
+        slope = slope + np.random.default_rng(1).normal(0, noise, slope.shape)
+        assert "velocity: measured" in read(write(tmp_path / "a.csv", np.hstack([rows[0], slope]), names)).remarks[2]
+    with pytest.raises(ValueError, match=r"velocity 1 must be that of position 1, but shares \d+ % of its motion"):
+        read(write(tmp_path / "other.csv", np.hstack([rows[0], slope[:, ::-1]]), names))
     wrong = write(tmp_path / "b.csv", np.hstack([rows[0], DEGREES * slope]), names)
     with pytest.raises(ValueError, match=r"velocity 1 must be that of position 1, but is 5[67]\.\d times as fast"):
         read(wrong)
@@ -175,15 +179,8 @@ def test_a_log_given_twice_is_refused(rows, files, tmp_path, fbl_gym):
 
 
 def test_a_file_that_is_no_table_is_refused(tmp_path):
-    for text, message in (
-        ("", "header.*No columns"), ("time_s,a\n1,2\n1,2,3\n", "equal lines.*line 3"),
-        ("t,q1,q2,u1,u2\n", "200 samples or more, got 0"), ("bench 3, today\n\nt,q1,q2\n1,2,3\n", "equal lines"),
-        ("t,Δq1,Δq2,u1,u2\n" + "1,2,3,4,5\n" * 200, "give 2 columns of position"),
-        ("t,q1,q2,u1 [V],u2\n" + "1,2,3,4,5\n" * 200, r"torque must not be in v, as 'u1 \[V\]' is"),
-        ("t,a/q1,b/q1,q2,u1,u2\n" + "1,2,3,4,5,6\n" * 200, "a/q1 and b/q1 may be the position"),
-        ("t;q1;q2;u1;u2\n" + "1;0;0;0;0\n" * 9 + "1,5;0,1;0;0;0\n" * 200, "rows do not, first line 3"),
-    ):  # fmt: skip
-        (tmp_path / "bad.csv").write_text(text)
+    for head, line, count, message in TABLES["no table"]:
+        (tmp_path / "bad.csv").write_text(head + line * count)
         with pytest.raises(ValueError, match=f"(?s){message}"):
             read(tmp_path / "bad.csv")
 
@@ -211,6 +208,7 @@ def test_logs_of_two_robots_or_rates_are_refused(files, tmp_path):
     (lambda r: r + np.c_[0 * r[:, :2], r[:, 1], 0 * r[:, :2]], "position 2 counts from link 1"),
     (lambda r: r + [0, np.pi / 2, 0, 0, 0], "check the zeros of the angles, -1.5708 and"),
     (lambda r: r * [1, 1, 1, 11, 11], "p4 is 10.5 times that of --start. Check units"),
+    (lambda r: r * [3, 1, 1, 1, 1], "is time in s?"), (lambda r: r + [0, 0.4, 0, 0, 0], "rad: add them to --zero"),
 ])  # fmt: skip
 def test_a_fit_that_means_nothing_is_refused(rows, tmp_path, monkeypatch, change, message):
     monkeypatch.setattr(fitting, "FOLDS", 2)

@@ -91,7 +91,8 @@ def test_the_key_follows_the_package_of_an_external_policy(folder, tmp_path, mon
     (tmp_path / folder / "external_laws/k.txt").write_text("0.5")
     reads = "    def initial(self, observation):\n        return open(__file__.replace('law.py', '../k.txt')) and ()\n"
     tree(tmp_path / folder, {"external_laws/part/law": f"exec({SUBCLASS + reads!r})"})
-    assert "k.txt, which its key does not cover" in run_cell(Cell("theirs", "nominal", (0,))).error
+    error = run_cell(Cell("theirs", "nominal", (0,))).error
+    assert "k.txt, which its key does not cover: add make_policy.data_files" in error
 
 
 @pytest.mark.parametrize(("declares", "error"), [

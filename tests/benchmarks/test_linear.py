@@ -123,7 +123,8 @@ def test_the_delay_margin_holds_with_springs_and_velocities_of_encoders(policy, 
 
 @pytest.mark.parametrize(("policy", "options", "less"), [
     ("lqg", {"actuator": {"delay": 0.004}}, 0.004), ("pd-gravity", {"encoder": {"latency": 1}}, 0.01),
-    ("pid-flm", {"encoder": {"counts": 4096}}, 0.0), ("pid-flm", {"actuator": {"jitter": 0.004}}, 0.002),
+    ("pid-flm", {"encoder": {"counts": 4096}}, 0.0), ("pid-flm", {"actuator": {"torque_limit": 5e29}}, 0.0),
+    ("pid-flm", {"actuator": {"jitter": 0.004}}, 0.002),
 ])  # fmt: skip
 def test_what_is_late_in_drive_and_encoder_is_taken_off_the_delay_margin(policy, options, less):
     plain, late = linearize(policy), linearize(policy, Scenario(**options))
@@ -132,8 +133,9 @@ def test_what_is_late_in_drive_and_encoder_is_taken_off_the_delay_margin(policy,
 
 def test_more_observed_actions_than_the_delay_has_do_not_change_the_margins():
     """A delay that varies has as many observed actions as its longest value; the loop has that of its seed."""
-    varying = linearize("pd-gravity", Scenario(actuator={"delay": {"uniform": [0.0, 0.04]}}))
-    fixed = linearize("pd-gravity", Scenario(actuator={"delay": varying.delay}))
+    task = Scenario(actuator={"delay": {"uniform": [0.0, 0.04]}}, control_dt=0.003, duration=3.0)
+    varying = linearize("pd-gravity", task)
+    fixed = linearize("pd-gravity", task.replace(actuator={"delay": varying.delay}))
     assert fixed.margins().delay == pytest.approx(varying.margins().delay, abs=2e-5)
 
 

@@ -19,33 +19,15 @@ from controllers.registry import tuned_gains
 from fbl_gym import TABLE_1, TwoLinkArmEnv, scenarios
 from fbl_gym.records.record import tuning_ranges
 
-LAW = """
-from dataclasses import dataclass
-import controllers
-from fbl_gym.records.record import number
-
-@dataclass(frozen=True)
-class Law(controllers.TorqueLaw):
-    frequency: float = number(8.0, above=0, tune=(2.0, 40.0))
-    {gain}: float = number(2.0, above=0)
-
-    def torque(self, observation, state):
-        q, v, r = self.read(observation, "position", "velocity", "reference_position")
-        return 30.0 * (self.frequency**2 * (r - q) - 2 * self.frequency * v), state
-
-def function(interface):
-    return Law(interface)
-
-make_policy = Law
-"""
 NAMES = tomllib.loads(Path(__file__).with_name("names.toml").read_text(encoding="utf-8"))
 TASK = scenarios.get("everything-2").replace(duration=0.5)
 
 
 @pytest.fixture(autouse=True)
 def files(folder):
-    (folder / "parted.py").write_text(LAW.format(gain="observer"))
+    (folder / "parted.py").write_text(NAMES["law"].format(gain="observer"))
     (folder / "law.py").write_text("from controllers.laws.simple import PdGravity\n\nmake_policy = PdGravity\n")
+    (folder / "free.py").write_text(NAMES["factory"])
     (folder / "law.json").write_text('{"gains": {"kp": "x"}}')
     (folder / "my_arm").mkdir()
     (folder / "my_arm/pd-gravity.json").write_text(json.dumps({"gains": {"frequency": 8.0}}))
@@ -94,7 +76,7 @@ def test_a_gain_may_be_a_multiple_of_the_tuned_or_default_one():
 
 @pytest.mark.parametrize("gain", ["_inside", "kalman_bandwidth", "needs"])
 def test_a_gain_with_a_name_of_the_composed_law_is_refused(folder, gain):
-    (folder / "parted.py").write_text(LAW.format(gain=gain))
+    (folder / "parted.py").write_text(NAMES["law"].format(gain=gain))
     with pytest.raises(ValueError, match=f"has a {gain} of its own, so a gain of Law needs another name"):
         resolve("parted.py+kalman")
 
@@ -102,6 +84,7 @@ def test_a_gain_with_a_name_of_the_composed_law_is_refused(folder, gain):
 @pytest.mark.parametrize(("text", "frequency", "damping"), [
     ("pd-gravity@my_arm", (8.0, 8.0), 0.4), ("pd-gravity@my_arm/pd-gravity.json@damping=0.7", (8.0, 8.0), 0.7),
     ("law.py@gains.json", (8.0, 9.0), 0.4), ("law.py:PdGravity@frequency=8,9", (8.0, 9.0), 0.4),
+    ("free.py@frequency=8,9", (8.0, 9.0), 0.4),
 ])  # fmt: skip
 def test_gains_of_a_text_reach_the_law(text, frequency, damping):
     law = (spec := resolve(text)).make(TwoLinkArmEnv())

@@ -284,6 +284,9 @@ def test_an_incomplete_report_says_what_it_lacks(report, fbl_gym):
     assert "the report is incomplete" in shown.err
     for name in ("board.md", "board.html"):
         assert sentence in (report / name).read_text(encoding="utf-8")
+    several = "--suite few.toml servo --policies zero --seeds 1"
+    (report.parents[1] / "few.toml").write_text('policies = ["zero"]\nscenarios = ["nominal"]\n')
+    assert "servo has no results, and no report" in fbl_gym(f"report {several}", 1).err
 
 
 def test_a_page_is_complete_or_as_it_was(report, fbl_gym, monkeypatch):

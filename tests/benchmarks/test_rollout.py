@@ -135,6 +135,8 @@ def test_a_factor_multiplies_both_joints_and_the_ends_of_a_distribution():
         np.testing.assert_array_equal(one.uniform, 0.5 * np.array(other.uniform))
     limit = with_option(base, "actuator.torque_limit", 2.0, factor=True).actuator.torque_limit
     np.testing.assert_array_equal(limit, 2.0 * np.array(base.actuator.torque_limit))
+    late = with_option(base, "encoder.latency", 1.0)
+    assert with_option(late, "encoder.latency", 3.0, factor=True).encoder.latency == 3
     with pytest.raises(ValueError, match=r"joint.stiffness must be numbers to multiply by x2, got None: give values"):
         with_option(base, "joint.stiffness", 2.0, factor=True)
 
@@ -185,7 +187,7 @@ def test_columns_of_numbers_are_to_the_right(tmp_path):
 @pytest.mark.parametrize(("line", "least", "columns"), [
     ("evaluate pd-gravity --plot lines.png", 15, 3), ("evaluate pd-gravity zero --plot lines.png", 2, 6),
     ("evaluate pd-gravity zero --trials 2", 2, 3),
-    ("sweep pd-gravity zero --over arm.m2=14,15,16 --workers 1", 3, 3),
+    ("sweep pd-gravity zero --over encoder.latency=0,1,2 --workers 1", 3, 3),
     ("leaderboard --policies pd-gravity zero oracle-flm --scenarios arm.toml --workers 1", 3, 7),
 ])  # fmt: skip
 def test_commands_write_their_table(line, least, columns, folder, fbl_gym):

@@ -97,7 +97,8 @@ def test_recovery():
     (row,) = measure(dataclasses.replace(found, event_times=np.array([[3.0]])))
     assert [row[name] for name in names] == [pytest.approx(0.0, abs=1e-5), 0.0, 0.0]
     dead = dataclasses.replace(found, event_times=np.array([[3.0]]), alive=(t < 4.0)[:, None])
-    for other in (found, dead):  # no event, or the run diverged
+    late = dataclasses.replace(found, event_times=np.array([[6.0, 6.5]]))
+    for other in (found, dead, late):  # no event, or the run diverged, or after the end
         assert np.isnan([measure(other)[0][name] for name in names]).all()
 
 
@@ -148,6 +149,10 @@ def test_step_response_of_a_known_second_order_system():
     settled = dt * (1 + np.flatnonzero(np.abs(response - 1) > 0.02).max())
     assert row["settling_s"] == pytest.approx(settled, abs=1.5e-3)
     assert row["rise_s"] == pytest.approx(0.1637, abs=1e-3)  # 1.637 / w for this damping
+    levels = np.repeat(np.floor(0.01 * np.arange(301) / 0.555 + 1e-9)[:, None] % 2, 2, axis=1)
+    uneven = Scenario(reference=dataclasses.replace(steps, period=0.555), duration=3.0)
+    (perfect,) = measure(trace(levels, levels, scenario=uneven))
+    assert perfect["settling_s"] == perfect["rise_s"] == 0.0
     (other,) = measure(trace(ramp(50), ramp(50)))
     assert np.isnan([other[name] for name in ("overshoot_pct", "settling_s", "rise_s")]).all()
 

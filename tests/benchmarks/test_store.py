@@ -296,6 +296,7 @@ def test_folders_of_training_runs_are_grouped_by_their_settings(tmp_path):
         (tmp_path / name / "run.json").write_text(json.dumps(settings))
         runs.append(str(tmp_path / name))
     assert list(rows_of(*runs).values()) == [(f"{tmp_path}/a",), (f"{tmp_path}/a",), (runs[2],)]
+    assert [*rows_of(f"{runs[0]}/", f"{runs[1]}/").values()] == [(f"{tmp_path}/a",)] * 2
     (tmp_path / "b-1" / "run.json").write_text(json.dumps({"seed": 1, "steps": 9}))  # a second run of seed 1
     assert list(rows_of(*runs).values()) == [(runs[2],), (f"{tmp_path}/a",), (f"{tmp_path}/a",)]
     shutil.move(runs[2], tmp_path / "a")

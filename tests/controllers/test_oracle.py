@@ -113,6 +113,15 @@ def test_a_feasible_reference_is_the_plan():
     np.testing.assert_allclose(*errors(env, [0, 1], 100), atol=1e-12)
 
 
+def test_the_way_points_of_a_reset_are_the_plan():
+    pytest.importorskip("casadi")
+    env = TwoLinkArmVectorEnv(2, "servo-nominal", reference="minimum-jerk", preview=15)
+    ways = np.array([[(-1.0, 0.5), (-1.5, 0.2)], [(-1.2, 0.3), (-1.0, 0.6)]])
+    observation, _ = env.reset(seed=0, options={"reference": ways})
+    motion = controllers.make("oracle-planned", env).predict(observation)[1].motion
+    np.testing.assert_allclose(motion[:, :16].reshape(2, -1), observation[:, env.layout.reference], atol=1e-12)
+
+
 def test_the_plan_keeps_the_limits_and_errs_least():
     """Within the limits between the knots too, but for a few samples; less than half the error without a plan."""
     env, motion, arm = planned(tier_scenario("servo-saturation-2", CLASSES["servo"].arm), [7, 9], duration=2.6)

@@ -177,6 +177,7 @@ def test_an_episode_ends_at_the_smaller_of_max_episode_steps_and_duration(mode):
         assert np.array(flags).all(axis=1).tolist() == [False] * (expected - 1) + [True]
 
 
+SINE = ["nominal", {"base": "noise-1", "reference": "sine"}]
 SCENARIOS = ("servo-practice-nominal", "servo-practice-delay-3", "servo-practice-everything-1")
 
 
@@ -191,11 +192,12 @@ def flat(infos):
 def test_several_scenarios_have_the_bits_that_each_has_alone(name, mode):
     """Their spaces, steps, infos and resets of some lanes; all observe as many previous actions as the longest delay."""
     options = {"duration": 0.1, "autoreset_mode": mode, "context": True, "constraints": {"velocity": 1.0}}
-    options |= {"limits": {"velocity": 3.0}} | ({"history": 1} if name == TRACKING else {})
+    options |= {"limits": {"velocity": 3.0}, "render_mode": "rgb_array"} | ({"history": 1} if name == TRACKING else {})
     make = functools.partial(gym.make_vec, name, vectorization_mode="vector_entry_point", **options)
     together, parts, ends = make(8, scenario=[*SCENARIOS]), (slice(3), slice(3, 6), slice(6, 8)), 0
     past = max(env.interface.layout["previous_actions"].stop for env in together.envs) - 10
     alone = [make(n, scenario=each, past_actions=past // 2) for n, each in zip((3, 3, 2), SCENARIOS, strict=True)]
+    assert together.render_mode == "rgb_array"
     assert together.observation_space == gym.vector.utils.batch_space(alone[1].single_observation_space, 8)
     lanes = [*zip(alone, parts, strict=True)]
     for seed in (3, [*range(7), None]):
@@ -226,7 +228,7 @@ def test_scenarios_that_do_not_fit_together_are_refused():
         with pytest.raises(ValueError, match=message):
             TwoLinkArmVectorEnv(*arguments)
     options = {"duration": 0.03, "autoreset_mode": "Disabled"}
-    env, twin = (TwoLinkArmVectorEnv(2, ["nominal", "noise-1"], **options) for _ in range(2))
+    env, twin = (TwoLinkArmVectorEnv(2, SINE, **options) for _ in range(2))
     first, _ = env.reset(seed=0)
     seen = first.copy()
     first *= 0.0  # which changes nothing later
@@ -238,6 +240,10 @@ def test_scenarios_that_do_not_fit_together_are_refused():
         (lambda: env.reset(seed=[1, 2, 3]), "seed must have one entry for each of 2 lanes, got 3"),
         (lambda: env.reset(seed=[1, -1]), "seed must be a whole number not below 0, got -1"),
         (lambda: env.reset(options={"reset_mask": ~both}), "reset_mask must have at least one True"),
+        (
+            lambda: env.reset(options={"reference": (-1.0, 0.5)}),
+            "reference must be left out: .* this reference is sine",
+        ),
     ):
         with pytest.raises(ValueError, match=message):
             call()
@@ -308,9 +314,10 @@ def test_a_bad_reset_is_named_and_changes_no_episode(arguments, message):
     np.testing.assert_array_equal(env.reset()[0], twin.reset()[0])
 
 
+@pytest.mark.parametrize("scenario", [None, ["nominal", "noise-1"]])
 @pytest.mark.parametrize("mode", ["NextStep", "SameStep", "Disabled"])
-def test_the_first_reset_is_of_every_lane(mode):
-    env, twin = TwoLinkArmVectorEnv(2, autoreset_mode=mode), TwoLinkArmVectorEnv(2, autoreset_mode=mode)
+def test_the_first_reset_is_of_every_lane(mode, scenario):
+    env, twin = (TwoLinkArmVectorEnv(2, scenario, autoreset_mode=mode) for _ in range(2))
     with pytest.raises(ResetNeeded, match="the first reset must be of every lane"):
         env.reset(seed=3, options={"reset_mask": np.array([True, False])})
     np.testing.assert_array_equal(env.reset(seed=0)[0], twin.reset(seed=0)[0])

@@ -87,6 +87,10 @@ def test_history_holds_the_errors_and_actions_of_the_last_steps():
         first, *_, infos = env.step(np.zeros((2, 2)))
     np.testing.assert_array_equal(first[:, 12:], 0)  # a new episode
     assert np.any(infos["final_obs"][0][12:] != 0)
+    last = env.step(np.ones((2, 2)))[0]
+    again = env.reset(options={"reset_mask": np.array([True, False])})[0]
+    assert again[0].any() > again[0, 12:].any()
+    np.testing.assert_array_equal(again[1], last[1])
 
 
 def test_an_agent_observes_compressed_errors_their_mean_and_steps_ever_further_back():
