@@ -278,7 +278,7 @@ def _read_text(text: str) -> Any:
     first = min(rows, default=0)
     separator = next((each for each in ";\t|," if each in rows.get(first, "")), r"\s+")
     if separator == r"\s+" and rows:  # a unit belongs to the name before it
-        rows[first] = re.sub(r"\s+(?=[\[(])|(?<=[\[(])[^\])]+", lambda found: found[0].replace(" ", ""), rows[first])
+        rows[first] = re.sub(r"\s+(?=[\[(])|(?<=[\[(])[^\])]+", lambda found: "".join(found[0].split()), rows[first])
 
     def split(line: str) -> list[str]:
         return [part.strip(' "') for part in re.split(separator.replace("|", "[|]"), line.strip())]

@@ -208,7 +208,7 @@ def test_logs_of_two_robots_or_rates_are_refused(files, tmp_path):
     (lambda r: r + np.c_[0 * r[:, :2], r[:, 1], 0 * r[:, :2]], "position 2 counts from link 1"),
     (lambda r: r + [0, np.pi / 2, 0, 0, 0], "check the zeros of the angles, -1.5708 and"),
     (lambda r: r * [1, 1, 1, 11, 11], "p4 is 10.5 times that of --start. Check units"),
-    (lambda r: r * [3, 1, 1, 1, 1], "is time in s?"), (lambda r: r + [0, 0.4, 0, 0, 0], "rad: add them to --zero"),
+    (lambda r: r * [2, 1, 1, 1, 1], "is time in s?"), (lambda r: r + [0, 0.4, 0, 0, 0], "rad: add them to --zero"),
 ])  # fmt: skip
 def test_a_fit_that_means_nothing_is_refused(rows, tmp_path, monkeypatch, change, message):
     monkeypatch.setattr(fitting, "FOLDS", 2)

@@ -240,10 +240,7 @@ def test_scenarios_that_do_not_fit_together_are_refused():
         (lambda: env.reset(seed=[1, 2, 3]), "seed must have one entry for each of 2 lanes, got 3"),
         (lambda: env.reset(seed=[1, -1]), "seed must be a whole number not below 0, got -1"),
         (lambda: env.reset(options={"reset_mask": ~both}), "reset_mask must have at least one True"),
-        (
-            lambda: env.reset(options={"reference": (-1.0, 0.5)}),
-            "reference must be left out: .* this reference is sine",
-        ),
+        (lambda: env.reset(options={"reference": (-1.0, 0.5)}), "reference must be left out: .* reference is sine"),
     ):
         with pytest.raises(ValueError, match=message):
             call()
