@@ -155,6 +155,9 @@ class Multiple(str):
 
     def of(self, name: str, gain: Any) -> Any:
         """Return the multiple of a gain; raise a `ValueError` unless that is a number or two."""
+        if isinstance(gain, Multiple):
+            both = np.ravel(_numbers(self.removesuffix("x")) * np.array(_numbers(gain.removesuffix("x"))))
+            return Multiple(",".join(map(str, both.tolist())) + "x")
         if not isinstance(gain, int | float | tuple | np.ndarray):
             raise ValueError(f"{name} must be a number, since there is no tuned or default one, got {self}")
         return _numbers(self.removesuffix("x")) * np.array(gain)

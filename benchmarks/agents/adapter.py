@@ -230,6 +230,7 @@ def _arm(interface: Interface) -> tuple[float, ...]:
     nominal, limit = interface.nominal, interface.torque_scale
     weight = np.array(nominal.lumped) * (10.0, 10.0, 10.0, 1.0, 1.0) / limit[[0, 0, 1, 0, 1]]
     rotor = 10.0 * np.array(nominal.rotor or (0.0, 0.0)) / limit
-    twist = np.zeros((2, 2)) if interface.stiffness is None else 100.0 * limit / np.array(interface.stiffness)
+    strength = np.where(np.isfinite(limit), limit, 0.0)
+    twist = np.zeros((2, 2)) if interface.stiffness is None else 100.0 * strength / np.array(interface.stiffness)
     readings = 1e3 * np.array([*interface.noise_std[0], *interface.resolution])
     return (*weight, *rotor, *twist.ravel(), *(100.0 * np.array(interface.backlash)), *readings)

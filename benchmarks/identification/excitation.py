@@ -61,7 +61,7 @@ def plan(start: Scenario, centre: Pair, amplitude: Pair, speed: float) -> tuple[
 
     def condition(x: Array) -> float:
         columns = motion(x)[-1].reshape(-1, 10) * weights
-        return float(np.linalg.cond(columns[:, own != 0] if start.arm.gravity == 0 else columns))
+        return float(np.linalg.cond(np.delete(columns, (3, 4), axis=1) if start.arm.gravity == 0 else columns))
 
     tries = np.random.default_rng(0).normal(size=(60, 2 * rest.shape[1]))
     best = minimize(condition, min(tries, key=condition), method="Nelder-Mead", options={"maxfev": 400}).x

@@ -213,6 +213,10 @@ def identify(logs: list[Log], start: Scenario, tick: Callable[[str], object] = s
             with other signs, zeros or units.
     """
     gravity, given, passive = start.arm.gravity, parameters_of(start), _passive(logs, start)
+    if gravity > 0 and min(given[3:5]) <= 0:
+        raise ValueError(
+            f"--start must have its weight beyond both joints (p4 and p5 above 0), got {given[3:5].round(4)}"
+        )
     tie = start.arm.L1 / gravity if gravity > 0 else 0.0
     fixed = {"gain 2", *("gain 1" for _ in passive), *(("p3",) if gravity > 0 else ("p4", "p5"))}.union(*TERMS.values())
     free = tuple(name for name in PARAMETERS if name not in fixed)

@@ -351,6 +351,8 @@ def _counts(position: Array) -> Array:
         levels = np.unique(column)
         steps = np.diff(levels)
         steps = steps[steps > 1e-9]
+        if not len(steps):  # the joint rests
+            continue
         multiples = steps / steps.min()
         whole = np.abs(multiples - np.round(multiples)) < 0.05
         if whole.mean() > 0.95 and len(levels) < 0.9 * len(column):

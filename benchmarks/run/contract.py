@@ -14,6 +14,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from benchmarks.policies.key import shared
 from benchmarks.policies.spec import PolicySpec, build, resolve
 from benchmarks.policies.watch import Watch
 from benchmarks.run.metrics import measure
@@ -51,6 +52,7 @@ class Broken(AssertionError):
 def check(policy: PolicySpec | str, scenario: Scenario | str = "everything-2") -> Iterator[Check]:
     """Check each promise of a policy in turn."""
     spec, task = resolve(policy), as_scenario(scenario)
+    shared()  # reads files, which are not the policy's
     with Watch(spec) as seen:
         trial = _Trial(spec, task, seen)
         for promise, test in _PROMISES.items():

@@ -39,6 +39,8 @@ class OffPolicy(BaseCallback):
         arguments["learning_rate"] = lambda _: rate * (1.0 - progress.fraction(self.steps))
         make = find_class(algorithm)
         self.model = make("MlpPolicy", env, seed=seed, device="cpu", tensorboard_log=logs, **arguments)
+        if getattr(self.model, "use_sde", False):
+            raise ValueError("use_sde must be False, since the network alone is the agent, got True")
         if (updates := getattr(self.model, "gradient_steps", -1)) > 0:  # -1: as many as lanes
             share = env.num_envs / progress.settings.hyperparameters["lanes"]
             self.model.gradient_steps = max(1, round(updates * share))  # type: ignore[attr-defined]
@@ -69,7 +71,8 @@ class OffPolicy(BaseCallback):
             tensor.data.copy_(state["tensors"][name])
         self.model._n_updates = state["updates"]
         self.num_timesteps = self.model.num_timesteps = state["steps"]
-        episode = round(self._env.get_attr("scenario")[0].duration / self._env.get_attr("decision")[0])
+        both = zip(self._env.get_attr("scenario"), self._env.get_attr("decision"), strict=True)
+        episode = round(min(scenario.duration / decision for scenario, decision in both))
         for _ in range(self.steps // (self._env.num_envs * episode)):
             self._env.reset()  # skip the episodes that the run has trained on
 
@@ -120,7 +123,7 @@ def export(model: BaseAlgorithm) -> Actor:
                 bias = bias + weight @ (shift - gain * mean)
                 weight, norm = weight * gain, None
             layers.append((weight, bias))
-    activation = "tanh" if isinstance(modules[1], torch.nn.Tanh) else "relu"
+    activation = "tanh" if isinstance(modules[min(1, len(modules) - 1)], torch.nn.Tanh) else "relu"
     return Actor(tuple(layers), activation, "clip" if on_policy else "tanh")
 
 

@@ -47,8 +47,9 @@ class PPO:
         torch.manual_seed(seed)
         self.steps = 0
         self._arms = _Arms(envs)
-        self._now, first = self._arms.reset(seed), envs[0]
-        self._episode = round(first.unwrapped.scenario.duration / first.decision)  # type: ignore[attr-defined]
+        self._now = self._arms.reset(seed)
+        lengths = (env.unwrapped.scenario.duration / env.decision for env in envs)  # type: ignore[attr-defined]
+        self._episode = round(min(lengths))
         self._rate, self._n_steps, self._batch, self._epochs = learning_rate, n_steps, batch_size, n_epochs
         times = np.repeat([env.decision for env in envs], [env.num_envs for env in envs])
         if not check_number("horizon", horizon, above=0) > times.max():
@@ -115,7 +116,7 @@ class PPO:
                 observed, action, log, gain, target = (each[part] for each in data)
                 policy, value = self._model(observed)
                 ratio = (policy.log_prob(action).sum(-1) - log).exp()
-                gain = (gain - gain.mean()) / (gain.std() + 1e-8)
+                gain = (gain - gain.mean()) / (gain.std() + 1e-8) if len(part) > 1 else gain
                 clipped = ratio.clamp(1.0 - self._clip, 1.0 + self._clip)
                 loss = -torch.min(ratio * gain, clipped * gain).mean() + 0.5 * (value - target).square().mean()
                 self._optimizer.zero_grad()
@@ -216,5 +217,6 @@ def _facts(env: Any) -> Array:
     lumped = truth.lumped * (10.0, 10.0, 10.0, 1.0, 1.0) / limit[[0, 0, 1, 0, 1]]
     times = 20.0 * np.stack([truth.delay, truth.lag], axis=1)
     friction = [each / limit for each in (truth.viscous, truth.coulomb, truth.stiction)]
-    twist = 100.0 * limit / np.maximum(truth.stiffness, 1e-9) * (truth.stiffness > 0)
+    strength = np.where(np.isfinite(limit), limit, 0.0)
+    twist = 100.0 * strength / np.maximum(truth.stiffness, 1e-9) * (truth.stiffness > 0)
     return np.concatenate([lumped, times, *friction, truth.load_friction, truth.gain, twist], axis=1)

@@ -48,7 +48,7 @@ class VectorAdapter(VectorWrapper):
         """Take one step with the agent's actions [n x 2], as Gymnasium's `VectorEnv.step`."""
         adapter, layout = self._adapter, self._interface.layout
         total, final = np.zeros(self.num_envs), np.full(self.num_envs, None, dtype=object)
-        ends = np.zeros((2, self.num_envs), dtype=bool)  # terminated, truncated
+        ends, begun, ended = np.zeros((2, self.num_envs), dtype=bool), dict[str, Any](), dict[str, Any]()
         state = self._state._replace(age=np.zeros_like(self._state.age))  # the agent decides in every lane
         for _ in range(adapter.hold):
             torque, state = adapter.torque(actions, self._observation, state)
@@ -64,11 +64,16 @@ class VectorAdapter(VectorWrapper):
                 observed = adapter.observe(last, state)
                 for lane in np.flatnonzero(running & done):
                     final[lane] = observed[lane]
+                context = {name: infos[name] for name in ("context", "_context") if name in infos}
+                for found, kept in ((context, begun), (infos.get("final_info", {}), ended)):
+                    for name, values in found.items():
+                        kept[name] = where_lanes(running & done, values, kept.get(name, np.zeros_like(values)))
                 ends |= running & np.array([terminated, truncated], dtype=bool)
                 state = where_lanes(done, adapter.initial(self._observation), state)
             state = state._replace(age=np.maximum(state.age, 1))
         if ends.any():
-            infos |= {"final_obs": final, "_final_obs": ends.any(axis=0)}
+            infos |= {"final_obs": final, "_final_obs": ends.any(axis=0), **begun}
+            infos |= {"final_info": ended, "_final_info": ends.any(axis=0)}
         self._state = state
         return adapter.observe(self._observation, state), total / adapter.hold, *ends, infos
 

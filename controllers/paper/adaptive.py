@@ -89,9 +89,10 @@ class AdaptiveFlm(CascadeFlm):
         model = with_rotors(lumped, self.interface.nominal.rotor)
         factor = schedule(v, self.alpha, self.v_s, self.scheduling)
         torque, integral = self.loops(observation, q, v, state.integral, model, factor)
-        applied = self.interface.saturate(torque) - self.loads(v)
+        sent = torque if self.drive.sent is None else self.drive.sent
+        applied = self.interface.saturate(sent) - self.loads(v)
         if self.regression == "printed":
-            applied = forward_dynamics(model, q, v, torque - self.loads(v))
+            applied = forward_dynamics(model, q, v, sent - self.loads(v))
         return torque, AdaptiveState(integral, y, torques, state.samples + 1, applied, lumped, kalman)
 
     def sensed(self, observation: Array, state: AdaptiveState) -> tuple[Array, Array, Array, State]:
@@ -119,7 +120,7 @@ class AdaptiveFlm(CascadeFlm):
 
     def fit(self, y: Array, torques: Array) -> tuple[Array, NDArray[np.bool_]]:
         """Return lumped parameters [n x 5] that fit the last samples, and their acceptance [n]."""
-        lumped, accepted = estimate(y, torques, self.weakest)
+        lumped, accepted = estimate(y, torques, self.weakest, self.interface.nominal.gravity > 0.0)
         if self.total_mass is None:
             return lumped, accepted
         with np.errstate(divide="ignore", invalid="ignore"):

@@ -14,7 +14,7 @@ from controllers.numerics.solving import least_squares
 from fbl_gym.model.arm import STANDARD_GRAVITY, Array
 
 
-def estimate(y: Array, torque: Array, weakest: float) -> tuple[Array, NDArray[np.bool_]]:
+def estimate(y: Array, torque: Array, weakest: float, hangs: bool = True) -> tuple[Array, NDArray[np.bool_]]:
     """Return p1 to p5 of least squares [n x 5], in kg m^2 and N m, and where to accept them [n].
 
     y [n x s x 2 x 5] is the regressor of the measured motion at each sample (`arm.regressor`), and
@@ -25,11 +25,11 @@ def estimate(y: Array, torque: Array, weakest: float) -> tuple[Array, NDArray[np
     """
     # At full rank the pseudo-inverse (Y'Y)^-1 Y' gives the solution of least squares.
     lumped, rich = least_squares(y.reshape(len(y), -1, 5), torque.reshape(len(y), -1), weakest)
-    return lumped, rich & plausible(lumped)
+    return lumped, rich & plausible(lumped if hangs else lumped[..., :3])
 
 
 def plausible(lumped: Array) -> NDArray[np.bool_]:
-    """Return where lumped parameters [n x 5] are positive, with positive definite inertia, [n]."""
+    """Return where p1 to p3, or p5, [n x 3] are positive, with positive definite inertia, [n]."""
     p1, p2, p3 = (lumped[..., i] for i in range(3))
     return np.all(np.isfinite(lumped) & (lumped > 0.0), axis=-1) & (p1 * p2 > p3 * p3)
 

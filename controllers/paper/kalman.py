@@ -36,6 +36,8 @@ def continuous_gains(dt: float, acceleration_sigma: float, position_sigma: float
         K = P @ C.T / R
         rows.append(dt * K[:, 0])
         P = P + dt * (-K @ C @ P + A @ P + P @ A.T + Q)
+        if not np.abs(P).max() < 1e9:
+            raise ValueError(f"position_sigma must be larger for Euler steps of {dt:g} s, got {position_sigma:g}")
     return np.array(rows)
 
 

@@ -24,7 +24,11 @@ def read_mjcf(path: str) -> Robot:
     falls, off = not model.opt.disableflags & mujoco.mjtDisableBit.mjDSBL_GRAVITY, mujoco.mjtDisableBit
     model.opt.disableflags |= int(off.mjDSBL_CONTACT | off.mjDSBL_LIMIT | off.mjDSBL_FRICTIONLOSS)
     data.qpos[model.jnt_qposadr[turns]] = 0.0  # whatever their angles of reference
-    rest, damping, levers = data.qpos.copy(), _damping(model, data), _levers(model, data)
+    rest, damping, (levers, bent) = (
+        data.qpos.copy(),
+        _damping(model, data),
+        (_levers(model, data, x) for x in (0.0, 0.5)),
+    )
     mujoco.mj_kinematics(model, data)
     links = [model.body(i).name or f"body {i}" for i in range(model.nbody)]
     joints: dict[str, Joint | str] = {}
@@ -32,6 +36,9 @@ def read_mjcf(path: str) -> Robot:
         name, dof = model.joint(i).name or f"joint {i}", model.jnt_dofadr[i]
         driven, effort, *doubts = _effort(model, levers, i, name)
         doubts += [f"the spring of {name} is neglected"] if model.jnt_stiffness[i] else []
+        doubts += ["the friction of tendons is neglected"] if model.ntendon and model.tendon_frictionloss.any() else []
+        if (levers[:, i] != bent[:, i]).any():
+            doubts.append(f"the lever of an actuator of {name} changes with its angle: that at 0 is taken")
         viscous, loss = (float(x[dof]) if x.any() else None for x in (damping, model.dof_frictionloss))
         numbers = effort, viscous, loss, None
         joint = name, links[model.jnt_bodyid[i]], data.xaxis[i].copy(), data.xanchor[i].copy(), numbers, tuple(doubts)
@@ -40,12 +47,15 @@ def read_mjcf(path: str) -> Robot:
             rotor += float(model.actuator_armature @ levers[:, i] ** 2)
         hinge = model.jnt_type[i] == mujoco.mjtJoint.mjJNT_HINGE
         joints[name] = Joint(*joint, rotor, driven) if hinge else "no hinge"
-    sites = {model.site(i).name: (links[model.site_bodyid[i]], data.site_xpos[i].copy()) for i in range(model.nsite)}
     axes = data.ximat.reshape(-1, 3, 3)
     inertias = np.einsum("nij,nj,nkj->nik", axes, model.body_inertia, axes)
     masses = dict(zip(links, map(Mass, map(float, model.body_mass), data.xipos, inertias), strict=True))
     parents = {link: links[model.body_parentid[i]] if i else None for i, link in enumerate(links)}
-    frames = {link: (link, data.xpos[i].copy()) for i, link in enumerate(links)} | sites
+    frames = {link: (link, data.xpos[i].copy()) for i, link in enumerate(links)}
+    for i in range(model.nsite):
+        name = model.site(i).name or f"site {i}"
+        place = links[model.site_bodyid[i]], data.site_xpos[i].copy()
+        frames[f"site {name}" if name in frames else name] = place
     if model.body_gravcomp.any():
         raise ValueError("gravcomp must be 0: the weight of links, which it takes off, stays here")
 
@@ -81,21 +91,21 @@ def _damping(model: Any, data: Any) -> Array:
         mujoco.mj_fwdVelocity(model, data)
         torques.append(data.qfrc_passive.copy())
     data.qvel[:], (model.opt.density, model.opt.viscosity) = 0.0, fluid
-    return np.diagonal(torques[0] - torques[1:]).round(12)
+    return np.diagonal((torques[0] - torques[1:]).reshape(model.nv, model.nv)).round(12)
 
 
-def _levers(model: Any, data: Any, step: float = 1e-3) -> Array:
-    """Return the torque of each actuator on each joint, for a force of 1 [actuators x joints]."""
+def _levers(model: Any, data: Any, angle: float, step: float = 1e-3) -> Array:
+    """Return the torque on each joint for a force of 1 [actuators x joints], at an angle [rad]."""
     import mujoco
 
     lengths = np.zeros((2, model.nu, model.njnt))
     for i in np.flatnonzero(model.jnt_type >= int(mujoco.mjtJoint.mjJNT_SLIDE)):
         for k, sign in enumerate((-1.0, 1.0)):
-            data.qpos[model.jnt_qposadr[i]] = sign * step
+            data.qpos[model.jnt_qposadr[i]] = angle + sign * step
             mujoco.mj_fwdPosition(model, data)
             lengths[k, :, i] = data.actuator_length
         data.qpos[model.jnt_qposadr[i]] = 0.0
-    return (np.diff(lengths, axis=0)[0] / (2.0 * step)).round(9)
+    return (np.diff(lengths, axis=0)[0] / (2.0 * step)).round(7)
 
 
 def _effort(model: Any, levers: Array, joint: int, name: str) -> tuple[Any, ...]:

@@ -145,7 +145,7 @@ def _planar(
 
     `names` has the tip, if it is named. A tip follows `stem`, the file and its joints.
     """
-    doubts = [*inner.doubts, *outer.doubts]
+    doubts = [*dict.fromkeys((*inner.doubts, *outer.doubts))]
     for name, joint in robot.joints.items():
         if joint in (f"a mimic of {inner.name}", f"a mimic of {outer.name}"):
             doubts.append(f"{name}, {joint}, is held at 0")
@@ -172,7 +172,8 @@ def _planar(
     if abs(line) < _NOTHING:
         raise ValueError(f"the joints must lie apart, got {inner.name!r} and {outer.name!r} on one axis")
     offset = centre1 * abs(line) / line  # along the line, and beside it
-    turned, beside = abs(np.angle(m1 * offset + m2 * abs(line))), abs(offset.imag)
+    beside = abs(offset.imag)
+    turned = m1 * beside / (m1 * abs(offset) + m2 * abs(line))  # about the angle of the moment beside the line
     if acceleration > 0 and turned > _TOLERANCE:
         raise ValueError(
             f"the centre of mass of link 1 must lie on the line through both joints, got {beside:.3g} m beside it"

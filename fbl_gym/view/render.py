@@ -34,7 +34,7 @@ class View:
     def show(self, truth: Truth) -> None:
         """Show an instant in the window, in real time and at most `WINDOW_FPS` times per second."""
         passed = float(truth.time) - self._last_time
-        if 0.0 <= passed < 0.99 / WINDOW_FPS:
+        if 0.0 < passed < 0.99 / WINDOW_FPS:
             return
         frame = self.frame(truth)
         _CLOCK.tick(1.0 / passed if 0.0 < passed < math.inf else 0.0)  # a new episode waits for nothing

@@ -68,7 +68,7 @@ def test_a_gain_may_be_a_multiple_of_the_tuned_or_default_one():
         env = TwoLinkArmEnv(scenarios.get(f"{robot}-nominal"))
         policy, tuned = controllers.make("lqg@tuned@position=0.5,2x", env), tuned_gains("lqg@tuned", robot)
         np.testing.assert_array_equal(policy.position, [0.5, 2.0] * np.array(tuned["position"]))
-    one, two = (resolve(text).make(env).frequency for text in ("parted.py", "parted.py@frequency=2x"))
+    one, two = (resolve(text).make(env).frequency for text in ("parted.py", "parted.py@frequency=4x@frequency=0.5x"))
     assert two == 2.0 * one
     assert resolve("parted.py@frequency=30@frequency=0.5x").make(env).frequency == 15.0
     assert resolve("lqg@position=0.5x").identity != resolve("lqg@position=0.5").identity

@@ -168,7 +168,7 @@ def test_an_observer_that_is_told_the_sent_torque_takes_it_for_no_disturbance(na
     assert np.abs(getattr(state, "inside", state).disturbance - disturbance).max() < 0.1
 
 
-SETTLED = "computed-torque-dob+predictor", "lqg-elastic", "lqg-elastic-scheduled", "lqg-elastic-scheduled+predictor"
+SETTLED = "adaptive-flm", "computed-torque-dob+predictor", "lqg-elastic", "lqg-elastic-scheduled+predictor"
 
 
 @pytest.mark.parametrize("name", SETTLED)
@@ -184,6 +184,8 @@ def test_a_decision_is_settled_by_the_torque_that_is_sent(name):
         np.testing.assert_array_equal(torque, expected[0])
         for each, other in zip(leaves(law.settle(draft, sent)), leaves(expected[1]), strict=True):
             np.testing.assert_array_equal(each, other)
+    states = (leaves(law.settle(draft, sent)) for sent in (torque, torque - 5.0))
+    assert not all(map(np.array_equal, *states))
 
 
 BOX = {"low": (-2.1, -0.9), "high": (-1.1, 0.5), "velocity": (0.9, 1.2)}
