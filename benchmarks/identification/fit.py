@@ -30,8 +30,8 @@ BLOCK = 1.0  # length of the parts of one or two logs that are left out in turn 
 LEAST_MOTION = 0.01  # least range of an angle; below it, the arm rests and its encoder flickers [rad]
 UNLIKE = 0.3  # largest error of an angle relative to standing still: 0.05 for two real arms, 0.45 and more for nonsense
 PLAUSIBLE, LIKELY = 5.0, 20.0  # largest ratios of fitted numbers to those of the start, of both links and of link 2
+UNLIKE_WEIGHT = 3.5  # the same of inertias, and of inertias per weight: a clock off by 2 changes both by 4
 
-UNLIKE_WEIGHT = 3.5  # the same of an inertia, and of it to its weight: a clock off by 2 changes both by 4
 # Share of the torques that the first fit leaves, beyond which signs, zeros and units are tried.
 # It is 0.1 for simulated arms, and 0.2 to 0.4 for logs of two real ones.
 UNEXPLAINED = 0.6

@@ -148,7 +148,7 @@ def _draw(axes: Any, panel: Panel) -> None:
 
 
 def _shown(label: str) -> str:
-    """Return a label as matplotlib draws it: no formula, and no line without an entry but `_`."""
+    """Return a label that matplotlib shows as it is; `_` alone has no entry in the legend."""
     return " " * (label[1:] != "" and label[0] == "_") + label.replace("$", r"\$")
 
 

@@ -21,14 +21,12 @@ def read_mjcf(path: str) -> Robot:
         raise ValueError("MuJoCo's XML needs the extra: pip install 'fbl-gym[mujoco]'") from None
     model = mujoco.MjModel.from_xml_path(path)
     data, turns = mujoco.MjData(model), model.jnt_type >= int(mujoco.mjtJoint.mjJNT_SLIDE)
-    falls, off = not model.opt.disableflags & mujoco.mjtDisableBit.mjDSBL_GRAVITY, mujoco.mjtDisableBit
-    model.opt.disableflags |= int(off.mjDSBL_CONTACT | off.mjDSBL_LIMIT | off.mjDSBL_FRICTIONLOSS)
+    bits = mujoco.mjtDisableBit
+    falls = not model.opt.disableflags & bits.mjDSBL_GRAVITY
+    model.opt.disableflags |= int(bits.mjDSBL_CONTACT | bits.mjDSBL_LIMIT | bits.mjDSBL_FRICTIONLOSS)
     data.qpos[model.jnt_qposadr[turns]] = 0.0  # whatever their angles of reference
-    rest, damping, (levers, bent) = (
-        data.qpos.copy(),
-        _damping(model, data),
-        (_levers(model, data, x) for x in (0.0, 0.5)),
-    )
+    rest, damping = data.qpos.copy(), _damping(model, data)
+    levers, bent = (_levers(model, data, angle) for angle in (0.0, 0.5))
     mujoco.mj_kinematics(model, data)
     links = [model.body(i).name or f"body {i}" for i in range(model.nbody)]
     joints: dict[str, Joint | str] = {}

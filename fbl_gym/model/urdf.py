@@ -204,18 +204,26 @@ def _planar(
         notes.append(f"{name}: {', '.join('none' if x is None else f'{x:g}' for x in given)}")
     if any(velocity):
         notes.append("the limits of the velocity are not used: `constraints.velocity` has such bounds")
-    if robot.torques is not None:
-        motions = np.random.default_rng(0).uniform(-3.0, 3.0, (8, 3, 2))
-        turned = motions * (1.0, sign) + np.array([zero, (0.0, 0.0), (0.0, 0.0)])
-        damped = np.array([x or 0.0 for x in viscous]) * motions[:, 1]
-        ours = inverse_dynamics(arm, *turned.swapaxes(0, 1)) * (1.0, sign) + damped
-        theirs = robot.torques((inner.name, outer.name), motions)
-        if (far := np.abs(ours - theirs).max() / np.abs(theirs).max()) > 1e-6:
-            doubts.append(
-                f"torques of random motions differ from MuJoCo's by up to {100 * far:.3g} %: the file has more than is "
-                "read, such as springs or dampers of tendons, damping that is not linear, or a fluid"
-            )
+    doubts += _differences(robot, (inner.name, outer.name), arm, sign, zero, [x or 0.0 for x in viscous])
     return RobotFile(stem.rstrip(":,"), arm, limit, viscous, coulomb, (1.0, sign), zero, guess, doubts, notes)
+
+
+def _differences(
+    robot: Robot, names: tuple[str, str], arm: ArmParameters, sign: float, zero: Pair, viscous: list[float]
+) -> list[str]:
+    """Return how far the arm's torques in random motions are from those of the file's program."""
+    if robot.torques is None:
+        return []
+    motions = np.random.default_rng(0).uniform(-3.0, 3.0, (8, 3, 2))  # q, its velocity and acceleration
+    angles, *rates = (motions * (1.0, sign)).swapaxes(0, 1)
+    ours = inverse_dynamics(arm, angles + zero, *rates) * (1.0, sign) + viscous * motions[:, 1]
+    theirs = robot.torques(names, motions)
+    if (far := np.abs(ours - theirs).max() / np.abs(theirs).max()) <= 1e-6:
+        return []
+    return [
+        f"torques of random motions differ from MuJoCo's by up to {100 * far:.3g} %: the file has more than is read, "
+        "such as springs or dampers of tendons, damping that is not linear, or a fluid"
+    ]
 
 
 def _plane(axis: Array, up: Array, doubts: list[str]) -> tuple[Array, float]:
