@@ -183,6 +183,10 @@ def get(name: str) -> Scenario:
     elif entry in TIERS:
         some = f"such as {in_tier(entry)[0]!r}; scenarios.in_tier({entry!r}) names all"
         raise ValueError(f"scenario must be one scenario, got the tier {entry!r}: take one of it, {some}")
+    elif FILE.match(entry):
+        raise ValueError(
+            f"scenario must be a name or a TOML file, got a robot's file: write arm = {entry!r} in a TOML file"
+        )
     else:
         raise unknown("scenario", entry, names())
     return in_world(scenario, world) if world else scenario
